@@ -2,6 +2,7 @@
 # shellcheck shell=bash
 
 budget=4500 # seconds for the whole run; on two quiet cores it takes about a sixth of that
+patience=${patience:-1} # how many times as long as on a machine of its own a step may take
 passed=0
 failed=0
 
@@ -13,7 +14,7 @@ fail() {
 # step NAME SECONDS COMMAND...: run COMMAND, which may take SECONDS. SIGABRT makes a test run that
 # hangs print the stack of every thread.
 step() {
-  local name=$1 limit=$2 begin=$SECONDS code=0 log
+  local name=$1 limit=$(($2 * patience)) begin=$SECONDS code=0 log
   shift 2
   log=$(mktemp -p "$work")
   if ((limit > budget - begin)); then limit=$((budget - begin)); fi
@@ -37,10 +38,11 @@ count_tests() {
   failed=$((failed + $(grep -oE '[0-9]+ (failed|error)' <<<"$summary" | cut -d' ' -f1 | paste -sd+ || echo 0)))
 }
 
-# beside SCRIPT: run a script of this folder beside what follows, with what others leave of the processor.
+# beside SCRIPT: run a script of this folder beside what follows, with what others leave of the processor, which
+# may be a twentieth of it: its steps are given time until what it runs beside has long ended.
 # It has a session of its own: Linux may give all processes of one the share of one (sched_autogroup).
 beside() {
-  setsid bash -c '
+  patience=10 setsid bash -c '
     echo 19 2>/dev/null >/proc/self/autogroup || true
     renice --priority 19 --pid $$ >/dev/null
     chrt --idle --pid 0 $$ || true

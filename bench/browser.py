@@ -15,7 +15,7 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-PATIENCE: Final = 20.0
+PATIENCE: Final = 60.0
 """Seconds for what a page takes its time for."""
 
 NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "chrome")

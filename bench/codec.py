@@ -11,7 +11,7 @@ from crtk_driver_ur.library import packets
 from crtk_driver_ur.library.packets import MotionCommand, MotionKind
 from crtk_driver_ur.models import model_named
 from crtk_driver_ur.rtde import codec
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.rtde.variables import OUTPUTS, TYPES
 from crtk_driver_ur.samples import SampleMaker
 from crtk_drivers.samples import vector
@@ -39,7 +39,7 @@ def main() -> None:
     (decoded,) = decoder.feed(data)
     assert isinstance(decoded, codec.DataPackage)
     values = decoded.values()
-    state = StateSample(time.monotonic(), 0, 0, False, *values)  # type: ignore[arg-type]
+    state = StateSample(time.monotonic(), 0, 0, False, (), *values)  # type: ignore[arg-type]
     maker, moved = SampleMaker(None), SampleMaker(Transform.from_pose_vector((0, 0, 0.1, 0, 0, 0)))
     kinematics = ArmKinematics(model_named("ur5e"))
     joints = vector(JOINTS)

@@ -1,4 +1,4 @@
-"""A simulated Robotiq gripper by each way to it: samples a second, CPU, command to motion, grasp detected.
+"""Simulated grippers by each way to them: samples a second, CPU, command to motion, grasp detected.
 
 The driver is in this process, at its default rate. `motion` is from the call of move_jp to the first sample
 that shows another position; `grasp` from the contact to `state/holds`, by the simulator's own clock, which is
@@ -24,7 +24,11 @@ PATIENCE: Final = 10.0
 WIDTH: Final = 0.03
 """Of what is gripped, in m."""
 OPEN: Final = 0.06
-LINKS: Final = ("serial", "tool", "modbus", "urcap")
+LINKS: Final = {
+    "robotiq": ("serial", "tool", "modbus", "urcap"),
+    "onrobot": ("modbus", "serial", "tool"),
+    "schunk": ("http", "serial", "tool"),
+}
 IDLE: Final = 3.0
 """Seconds over which samples and CPU are counted."""
 
@@ -86,11 +90,13 @@ def busy() -> Iterator[None]:
 
 def main() -> int:
     """Measure and print."""
-    given = options(__doc__ or "", rounds=(20, "grips by each way"))
+    given = options(__doc__ or "", rounds=(5, "grips by each way"))
     rows = []
-    for link in LINKS:
-        with crtk_drivers.connect("robotiq", sim=True, link=link) as gripper:
-            rows.append([link, *measure(gripper, gripper.sim.control, given.rounds)])
+    for plugin, links in LINKS.items():
+        for link in links:
+            with crtk_drivers.connect(plugin, sim=True, link=link, sample_timeout=3.0) as gripper:
+                measured = measure(gripper, gripper.sim.control, given.rounds)
+                rows.append([f"{plugin}, {link}", *measured])
     with crtk_drivers.connect("ur", sim=True, gripper="robotiq", sample_timeout=3.0) as arm:
         arm.enable()
         wait(lambda: arm.gripper.operating_state().state == "DISABLED")
@@ -103,7 +109,7 @@ def main() -> int:
             late = after.late_cycles - before.late_cycles
             notes.append(f"{name}: {late} of its {after.cycles - before.cycles} cycles late")
     columns = ("way", "samples/s", "CPU %", "motion ms", "p99", "grasp ms", "p99")
-    show("A simulated gripper", columns, rows, notes)
+    show("Simulated grippers", columns, rows, notes)
     return 0
 
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from bench.report import options, show, show_calls
 from crtk_driver_ati_netft import rdt
-from crtk_driver_ati_netft.filters import Filter, LowPass, Mean
 from crtk_driver_ati_netft.pipeline import Pipeline
-from crtk_driver_ati_netft.sequence import SequenceTracker
 from crtk_driver_ati_netft.stream import Batch
 from crtk_drivers.kit.clock_fit import ClockFit
+from crtk_drivers.kit.sensing.filters import Filter, LowPass, Mean
+from crtk_drivers.kit.sensing.sequence import SequenceTracker
 
 RATE = 7000.0
 LOAD = np.array([123.456, -7.1, 0.001, 3.3, -0.02, 5e-4])

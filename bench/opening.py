@@ -33,16 +33,16 @@ from sensor_msgs.msg import JointState
 
 from bench.report import show
 from crtk_drivers import plugins
-from crtk_drivers.config import NodeConfig
+from crtk_drivers.config import DeviceConfig, NodeConfig
 from crtk_drivers.engine import Engine
 from crtk_drivers.ros.serving import Serving
 from crtk_drivers.samples import JointState as Joints
 from crtk_drivers.session import open_session
 
-CONNECT = 20.0
+CONNECT = 40.0
 """Seconds in which a simulator is up, and the two ends have met."""
 
-PATIENCE = 10.0
+PATIENCE = 30.0
 """Seconds that each call of the opening may take."""
 
 STEP = 0.05
@@ -62,11 +62,24 @@ PATIENT = {"sample_timeout": 3.0}
 """Configuration in which a busy machine is no fault."""
 
 DEVICES: Mapping[str, Candidate] = {
-    "loopback": Candidate("loopback", {"needs_homing": True, "transition_time": 0.05}, sim=False),
+    "loopback": Candidate(
+        "loopback", {"needs_homing": True, "transition_time": 0.05, **PATIENT}, sim=False
+    ),
     "virtual": Candidate("virtual", {"needs_homing": True, **PATIENT}, sim=False),
     "ur": Candidate("ur", {"watchdog_frequency": 2.0, **PATIENT}, sim=True),
-    "dynamixel": Candidate("dynamixel", PATIENT, sim=True, tolerance=0.02),
-    "canopen": Candidate("canopen", PATIENT, sim=True),
+    "dynamixel": Candidate(
+        "dynamixel", {**PATIENT, "silent_timeout": 2.0, "watchdog": 2.5}, sim=True, tolerance=0.02
+    ),
+    "canopen": Candidate(
+        "canopen",
+        {
+            **PATIENT,
+            "period": 0.01,
+            "missed_cycles": 100,
+            "heartbeat": {"ours_timeout": 5.0, "drives_timeout": 5.0},
+        },
+        sim=True,
+    ),
 }
 
 
@@ -181,10 +194,15 @@ def _nanoseconds(message: OperatingState) -> int:
 
 
 @contextmanager
-def opened(name: str) -> Iterator[tuple[Engine, Arm]]:
-    """Serve a device of `DEVICES` from this process, and connect a client to it."""
+def opened(name: str, config: DeviceConfig | None = None) -> Iterator[tuple[Engine, Arm]]:
+    """Serve a device of `DEVICES` from this process, and connect a client to it.
+
+    Args:
+        name: of the device.
+        config: of it; that of `DEVICES` if None.
+    """
     candidate, namespace = DEVICES[name], f"/opening_{name}"
-    config = plugins.device(candidate.plugin).load_config(None, candidate.values)
+    config = config or plugins.device(candidate.plugin).load_config(None, candidate.values)
     session = open_session(candidate.plugin, config, sim=candidate.sim)
     stop = threading.Event()
     with (

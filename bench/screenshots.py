@@ -7,12 +7,13 @@ puts them elsewhere than into ``docs``.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -22,12 +23,18 @@ import numpy as np
 import crtk_drivers
 from bench import png
 from bench.browser import BROWSER, NAMES, Browser
-from crtk_drivers.errors import CrtkError
+from bench.view import address_of, running
+from crtk_drivers import client
+from crtk_drivers.errors import CommandRefused, CrtkError
 from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.bench.acquisition import Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions
 from crtk_drivers.labs.bench.report import html
 from crtk_drivers.labs.bench.run import run_bench
+from crtk_drivers.labs.tapes.contents import contents_of
+from crtk_drivers.labs.tapes.pages import all_figures
+from crtk_drivers.labs.tapes.pages import html as tape_page
+from crtk_drivers.recording import opened
 from crtk_drivers.status.stop_request import StopRequest
 from crtk_sim_backends.can import SIM as CAN
 
@@ -36,6 +43,8 @@ LARGEST: Final = 120_000
 """Bytes of a picture."""
 
 HOST: Final = "127.0.0.2"
+STREAMED: Final = 4.0
+"""Seconds of a stream of commands in the picture of a recording."""
 WATCHED: Final = 8.0
 """Seconds of motion before the picture: what the charts show."""
 
@@ -71,6 +80,15 @@ SHOTS: Final = (
         },
     ),
     Shot("robotiq_simulator", "robotiq", (1000, 520), swing=(0.035,)),
+    Shot("onrobot_simulator", "onrobot", (1000, 520), swing=(0.035,)),
+    Shot("schunk_simulator", "schunk", (1000, 520), swing=(0.035,)),
+    Shot("weiss_wsg_simulator", "weiss-wsg", (1000, 560), {"part_width": 0.03}, swing=(0.035,)),
+    Shot(
+        "ros2_control_simulator",
+        "ros2-control",
+        (1000, 640),
+        swing=(0.8, 0.3, -0.4, 0.5, 0.4, 0.9),
+    ),
     Shot(
         "virtual_arm",
         "virtual",
@@ -78,9 +96,27 @@ SHOTS: Final = (
         {"model": "seven_axis"},
         swing=(0.9, 0.35, -0.5, -0.3, 0.4, 0.3, 1.0),
     ),
+    Shot("galil_simulator", "galil", (1000, 480), swing=(0.5, -0.3, 0.7)),
     Shot("can_hub", "can", (1000, 420), {"bitrate": 500_000}),
-    Shot("bench", "bench", (960, 1020)),
+    Shot("bench", "bench", (960, 1260)),
+    Shot("view", "view", (1100, 720), swing=(0.6, 0.3, -0.4)),
+    Shot("view_control", "view", (1100, 720), {"control": True}, swing=(0.6, 0.3, -0.4)),
+    Shot("recording", "ur", (1080, 1960)),
 )
+
+VIEWED: Final = """
+name = "viewed"
+[devices.arm]
+plugin = "virtual"
+[devices.ft]
+plugin = "ati-netft"
+on = "arm"
+mounting = { position = [0.0, 0.0, 0.02], orientation = [0.0, 0.0, 0.0, 1.0] }
+tool = { mass = 1.2, center_of_mass = [0.0, 0.0, 0.05] }
+[devices.second]
+plugin = "virtual"
+"""
+"""What the page of all devices is shown with: an arm that carries a sensor, and another arm."""
 
 LAB: Final = """
 name = "bench"
@@ -98,9 +134,13 @@ plugin = "ati-netft"
 @contextmanager
 def shown(shot: Shot) -> Iterator[str]:
     """Let a simulator or a device run and move, and yield the address of its page."""
-    if shot.device == "bench":
+    if shot.name in PAGES:
         with tempfile.TemporaryDirectory() as folder:
-            yield report_of(Path(folder)).as_uri()
+            yield PAGES[shot.name](Path(folder)).as_uri()
+        return
+    if shot.device == "view":
+        with viewed(shot) as address:
+            yield address
         return
     options = {"web": True, "web_port": 0, "host": HOST, **shot.options}
     if shot.device == "can":
@@ -118,6 +158,28 @@ def shown(shot: Shot) -> Iterator[str]:
             yield device.page or page_of(device.sim)
 
 
+@contextmanager
+def viewed(shot: Shot) -> Iterator[str]:
+    """Bring a lab up, let its arms move, and yield the address of the page of all devices."""
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as opened:
+        lab = Path(folder, "lab.toml")
+        lab.write_text(VIEWED)
+        opened.enter_context(running("up", str(lab), "--sim", folder=folder))
+        arms = [
+            opened.enter_context(client.connect(name, timeout=60.0)) for name in ("/arm", "/second")
+        ]
+        opened.enter_context(client.connect("/ft", timeout=60.0)).measured_cf(wait=60.0)
+        for arm in arms:
+            arm.enable()
+            arm.setpoint_js(wait=60.0)
+            way = np.zeros(arm.measured_jp().size)
+            way[: len(shot.swing)] = shot.swing
+            opened.enter_context(swinging(arm, way.tolist()))
+        options = ["--control"] if shot.options.get("control") else []
+        view = opened.enter_context(running("view", str(lab), "--port", "0", *options))
+        yield address_of(view)
+
+
 def report_of(folder: Path) -> Path:
     """Run some tests of the bench, and return the report."""
     lab, out = folder / "lab.toml", folder / "run"
@@ -128,6 +190,44 @@ def report_of(folder: Path) -> Path:
     path = out / "report.html"
     path.write_text(html(found), "utf-8")
     return path
+
+
+def recording_of(folder: Path) -> Path:
+    """Record a simulated UR that moves, streams, is refused a command and stops; return the page of it."""
+    path = folder / "run.mcap"
+    with crtk_drivers.connect("ur", sim=True) as arm:
+        arm.recordings.place("/ur5")
+        arm.recordings.start(path)
+        time.sleep(0.5)
+        with contextlib.suppress(CommandRefused):
+            arm.move_jp(arm.measured_jp())
+        arm.enable()
+        arm.move_jp(arm.setpoint_jp() + np.array([0.3, -0.2, 0.2, 0.0, 0.2, 0.0])).wait()
+        start, began = arm.setpoint_jp(), time.monotonic()
+        while (passed := time.monotonic() - began) < STREAMED:
+            wide = 0.15 * min(1.0, passed)
+            once, twice = wide * np.sin(2.0 * passed), wide * np.sin(4.0 * passed)
+            lifted = wide - wide * np.cos(2.0 * passed)
+            arm.servo_jp(start + np.array([once, lifted, twice, 0.0, 0.0, once]))
+            time.sleep(0.004)
+        time.sleep(0.5)
+        arm.move_jp(start)
+        time.sleep(0.3)
+        arm.sim.control.inject("protective_stop")
+        time.sleep(1.0)
+        arm.record_stop()
+    recording, _ = opened(path)
+    contents = contents_of(recording)
+    page = folder / "run.html"
+    page.write_text(tape_page(recording, contents, all_figures(contents), ""), "utf-8")
+    return page
+
+
+PAGES: Final[Mapping[str, Callable[[Path], Path]]] = {
+    "bench": report_of,
+    "recording": recording_of,
+}
+"""Pages that are files: what makes them in a folder."""
 
 
 def page_of(sim: Any) -> str:

@@ -74,7 +74,7 @@ def stop_times(rig: Rig, generator: random.Random, times: list[float], ways: lis
     way = generator.choice(stopping)
     activities = [a for a in (way.activities or rig.activities) if a in rig.activities]
     result = run(rig, Cell(rig.name, way, generator.choice(activities)))
-    if result.stood is not None and rig.engine.capabilities.joints:
+    if result.stood is not None and rig.moves_joints:
         # From when it was told on: until then the fault was not known.
         times.append(max(0.0, result.stood - (result.told or 0.0)))
         ways.append(result.way or 0.0)

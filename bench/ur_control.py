@@ -1,8 +1,9 @@
 """Control of a UR arm through ur-rtde in its child process beside our own control program, in one run.
 
 Latency: from before `servo_jp` in plain Python until the goal that the simulated controller's servoj gives to
-the arm is there, or past it: our program makes its own way along the stream, cycle by cycle. Jitter: by how
-much the time between two goals at the arm differs from the time between their commands. CPU: while commands
+the arm is there, or past it, and until the arm is (target_q): of the lookahead, which smooths a stream, our
+program takes most itself, and servoj all of ur-rtde's. Jitter: by how much the time between two places of the
+arm differs from the time between the commands to go there. CPU: while commands
 are streamed, of the driver and of its child. Enable: from the command to ENABLED, the first time after the
 start and again after disable with the power left on. Recovery: from the moment at which it can begin to
 ENABLED, after a protective stop that was unlocked, after the controller closed every RTDE connection, and
@@ -35,6 +36,8 @@ PATIENCE = 30.0
 POLL = 0.001
 SAME = 1e-9
 """rad: two positions that are one."""
+RUN_UP = 1.0
+"""Seconds of the stream in which the arm takes up speed, which are not counted at the arm."""
 SETTLE = 1.0
 """Seconds after the start of a stream that are not counted for CPU."""
 
@@ -44,6 +47,7 @@ class Way:
     """What was measured of one way: seconds, and percent of a core."""
 
     latency: list[float] = field(default_factory=list)
+    to_arm: list[float] = field(default_factory=list)
     jitter: list[float] = field(default_factory=list)
     sent: int = 0
     cpu: list[float] = field(default_factory=list)
@@ -72,14 +76,21 @@ def stream(control: str, seconds: float, rate: float, way: Way) -> None:
                 if before[1] is not None:
                     way.child_cpu.append(processes.usage(child).share_since(before[1]))
                 front.wait(PATIENCE)
-        sent, goals = load(records, "front_sent"), load(records, "goals")
-    # The stream is a ramp, so that the goals of both ways only rise.
-    reached = np.searchsorted(np.maximum.accumulate(goals[:, 0]), sent[:, 0] - SAME)
-    came = reached < len(goals)
-    begin, end = sent[came, 1], goals[reached[came], 1]
+        sent = load(records, "front_sent")
+        goals, targets = load(records, "goals"), load(records, "targets")
     way.sent += len(sent)
+    begin, end = passed(sent, goals)
     way.latency.extend((end - begin) / 1e9)
+    begin, end = passed(sent[sent[:, 1] > sent[0, 1] + RUN_UP * 1e9], targets)
+    way.to_arm.extend((end - begin) / 1e9)
     way.jitter.extend(np.abs(np.diff(end) - np.diff(begin)) / 1e9)
+
+
+def passed(sent: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return when commands were sent, and when a ramp of places first was at or past each of them, in ns."""
+    reached = np.searchsorted(np.maximum.accumulate(places[:, 0]), sent[:, 0] - SAME)
+    came = reached < len(places)
+    return sent[came, 1], places[reached[came], 1]
 
 
 @contextmanager
@@ -165,7 +176,11 @@ def main() -> None:
     measured: dict[str, dict[str, float]] = {}
     for name, way in ways.items():
         found = measured[name] = {}
-        for what, values in (("latency", way.latency), ("jitter", way.jitter)):
+        for what, values in (
+            ("latency to servoj", way.latency),
+            ("latency to target_q", way.to_arm),
+            ("jitter of target_q", way.jitter),
+        ):
             for share, value in zip(("p50", "p99", "max"), percentiles(values), strict=True):
                 found[f"{what} {share}, ms"] = value
         found["not at the arm at the end, %"] = 100.0 * (1.0 - len(way.latency) / way.sent)

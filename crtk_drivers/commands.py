@@ -10,7 +10,7 @@ api-robot-motion.rst and api-operating-state.rst); ``trajectory_j/``, ``use_grav
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
@@ -63,17 +63,20 @@ class Payload(StrEnum):
 
     JOINT_STATE = "joint state"
     POSE = "pose"
+    POSES = "poses"
     TWIST = "twist"
     WRENCH = "wrench"
     MATRIX = "matrix"
     JOINT_SERVO = "mixed joint setpoint"
     CARTESIAN_SERVO = "mixed Cartesian setpoint"
+    TRAJECTORY = "joint trajectory"
     OPERATING_STATE = "operating state"
     TEXT = "text"
     EMPTY = "empty"
     NUMBER = "number"
     FLAG = "flag"
     NUMBERS = "numbers"
+    JOY = "axes and buttons"
     FORWARD_KINEMATICS = "forward kinematics query"
     INVERSE_KINEMATICS = "inverse kinematics query"
 
@@ -82,6 +85,7 @@ ROS_TYPES: Mapping[Payload, str] = MappingProxyType(
     {
         Payload.JOINT_STATE: "sensor_msgs/msg/JointState",
         Payload.POSE: "geometry_msgs/msg/PoseStamped",
+        Payload.POSES: "geometry_msgs/msg/PoseArray",
         Payload.TWIST: "geometry_msgs/msg/TwistStamped",
         Payload.WRENCH: "geometry_msgs/msg/WrenchStamped",
         Payload.MATRIX: "std_msgs/msg/Float64MultiArray",
@@ -91,8 +95,10 @@ ROS_TYPES: Mapping[Payload, str] = MappingProxyType(
         Payload.NUMBER: "std_msgs/msg/Float64",
         Payload.FLAG: "std_msgs/msg/Bool",
         Payload.NUMBERS: "std_msgs/msg/Float64MultiArray",
+        Payload.JOY: "sensor_msgs/msg/Joy",
         Payload.JOINT_SERVO: "crtk_msgs/msg/JointServo",
         Payload.CARTESIAN_SERVO: "crtk_msgs/msg/CartesianServo",
+        Payload.TRAJECTORY: "trajectory_msgs/msg/JointTrajectory",
         Payload.FORWARD_KINEMATICS: "crtk_msgs/srv/QueryForwardKinematics",
         Payload.INVERSE_KINEMATICS: "crtk_msgs/srv/QueryInverseKinematics",
     }
@@ -208,6 +214,8 @@ _OTHER_ROWS = (
      "share of the velocity limits in force"),
     ("trajectory_j/ratio_a", Level.SETTING, Direction.PUBLISHED, Payload.NUMBER, "1",
      "share of the acceleration limits in force"),
+    ("measured_cp_array", Level.MEASURED, Direction.PUBLISHED, Payload.POSES, "m, unit quaternion",
+     "where all is that is seen: tools, then markers of none"),
     ("jacobian", Level.QUERY, Direction.PUBLISHED, Payload.MATRIX, "m/rad, 1",
      "6 x n geometric Jacobian of the tool, linear rows first"),
     ("forward_kinematics", Level.QUERY, Direction.SERVICE, Payload.FORWARD_KINEMATICS, "rad, m",
@@ -238,6 +246,18 @@ def _table() -> dict[str, Command]:
 
 COMMANDS: Mapping[str, Command] = MappingProxyType(_table())
 
+FOLLOW = Command(
+    "follow_joint_trajectory",
+    Level.MOVE,
+    Space.JOINT,
+    Kind.POSITION,
+    Direction.COMMANDED,
+    Payload.TRAJECTORY,
+    _JOINT_UNITS[Kind.POSITION],
+    "go through the points of a trajectory, each at its time",
+)
+"""No name of CRTK, but carried out as a move: what FollowJointTrajectory of ros2_controllers asks."""
+
 CHILDREN = tuple(
     dict.fromkeys((*SUB_NAMESPACES, *(n.partition("/")[0] for n in COMMANDS if "/" in n)))
 )
@@ -249,13 +269,15 @@ _REDUNDANT = re.compile(r"measured[2-9]_js")
 
 @cache
 def find(name: str) -> Command:
-    """Return the row of `name`, which may carry a sub-namespace (``local/measured_cp``).
+    """Return the row of `name`, which may carry a sub-namespace (``local/measured_cp``); or `FOLLOW`.
 
     Raises:
-        KeyError: there is no such CRTK name.
+        KeyError: there is no such name.
     """
     if name in COMMANDS:
         return COMMANDS[name]
+    if name == FOLLOW.name:
+        return FOLLOW
     space, slash, base = name.rpartition("/")
     if slash and space not in SUB_NAMESPACES:
         raise KeyError(name)
@@ -263,10 +285,17 @@ def find(name: str) -> Command:
     return replace(row, name=name)
 
 
+_TOPIC = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+def is_free_topic(name: str, taken: Collection[str]) -> bool:
+    """Whether a device may give this name to a topic of its own: one word, no CRTK name, none of `taken`."""
+    return bool(_TOPIC.fullmatch(name)) and name not in taken and not is_name(name)
+
+
 def is_name(name: str) -> bool:
     """Whether there is such a CRTK name, see `find`."""
     try:
-        find(name)
+        return find(name) is not FOLLOW
     except KeyError:
         return False
-    return True

@@ -15,6 +15,7 @@
     ├── MotionAborted              an accepted motion ended before its goal
     ├── DataTimeout                no data as fresh as you asked for (also TimeoutError)
     ├── RecordingError             a recording that cannot be written or read (also ValueError)
+    ├── CalibrationError           measurements that tell nothing that could be relied on (also ValueError)
     └── KinematicsError            no joint position reaches the pose (also ValueError)
 
 An error says what happened, on which device and address, and what to do next: `message`, `where` and
@@ -235,6 +236,10 @@ class DataTimeout(CrtkError, TimeoutError):
 
 class RecordingError(CrtkError, ValueError):
     """A recording that cannot be written or read: no space, damaged, or none at all."""
+
+
+class CalibrationError(CrtkError, ValueError):
+    """Measurements that tell nothing that could be relied on: too few, too much alike, or contradictory."""
 
 
 class KinematicsError(CrtkError, ValueError):

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import accumulate
 from types import MappingProxyType
-from typing import Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -149,6 +149,20 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Poses:
+    """Where several things are, seen together, in `frame_id`. A place without orientation has 0, 0, 0, 1."""
+
+    poses: tuple[Pose, ...] = ()
+    frame_id: str = ""
+
+    @property
+    def vector(self) -> Vector:
+        """All numbers, seven for each: position, then quaternion."""
+        parts = [part for pose in self.poses for part in (pose.position, pose.orientation)]
+        return np.concatenate(parts) if parts else EMPTY
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Twist:
     """Linear (3,) in m/s and angular velocity (3,) in rad/s, in the axes of `frame_id`."""
 
@@ -211,6 +225,18 @@ class Numbers:
 
 
 @dataclass(frozen=True, slots=True)
+class Joy:
+    """Axes of a joystick, -1 to 1, and buttons or pedals: 1 is pressed, 0 is not.
+
+    Where `is_valid` is false nothing is known: its message has the stamp 0.
+    """
+
+    axes: tuple[float, ...] = ()
+    buttons: tuple[int, ...] = ()
+    is_valid: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Text:
     """Words that are told or set."""
 
@@ -267,9 +293,53 @@ class CartesianServo:
     frame_id: str = ""
 
 
+MOST_POINTS: Final = 50_000
+"""Points of one trajectory: eight minutes at 100 Hz."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far one joint may be from a trajectory, in rad, rad/s (m, m/s).
+
+    What 0 and -1 mean says `crtk_drivers.trajectory.tolerances`.
+    """
+
+    name: str
+    position: float = 0.0
+    velocity: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTrajectory:
+    """Points that joints go through, as a goal of FollowJointTrajectory gives them.
+
+    Attributes:
+        name: of the joints, in the order of the columns.
+        times: (m,) s from the start, as they came.
+        positions: (m, n) rad (m).
+        velocities: (m, n) rad/s (m/s); a row of NaN where a point has none.
+        accelerations: (m, n) rad/s² (m/s²); the same.
+        start_ns: when it starts, since the epoch; 0: at once.
+        path: tolerances on the way.
+        goal: tolerances at the end.
+        goal_time: seconds that it may take longer; 0: as long as it takes.
+    """
+
+    name: tuple[str, ...]
+    times: Vector
+    positions: Array
+    velocities: Array
+    accelerations: Array
+    start_ns: int = 0
+    path: tuple[Tolerance, ...] = ()
+    goal: tuple[Tolerance, ...] = ()
+    goal_time: float = 0.0
+
+
 Value = (
     JointState
     | Pose
+    | Poses
     | Twist
     | Wrench
     | Matrix
@@ -277,8 +347,10 @@ Value = (
     | Numbers
     | Flag
     | Text
+    | Joy
     | JointServo
     | CartesianServo
+    | JointTrajectory
 )
 
 
@@ -286,15 +358,18 @@ VALUE_TYPES: Mapping[Payload, type[Value]] = MappingProxyType(
     {
         Payload.JOINT_STATE: JointState,
         Payload.POSE: Pose,
+        Payload.POSES: Poses,
         Payload.TWIST: Twist,
         Payload.WRENCH: Wrench,
         Payload.MATRIX: Matrix,
         Payload.JOINT_SERVO: JointServo,
         Payload.CARTESIAN_SERVO: CartesianServo,
+        Payload.TRAJECTORY: JointTrajectory,
         Payload.NUMBER: Number,
         Payload.NUMBERS: Numbers,
         Payload.FLAG: Flag,
         Payload.TEXT: Text,
+        Payload.JOY: Joy,
     }
 )
 """What each payload is in Python."""
@@ -367,6 +442,7 @@ class Sample:
 _MEASURED_PARTS: Mapping[type, tuple[str, ...]] = {
     JointState: ("position", "velocity", "effort"),
     Pose: ("position", "orientation"),
+    Poses: ("vector",),
     Twist: ("linear", "angular"),
     Wrench: ("force", "torque"),
 }

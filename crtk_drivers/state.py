@@ -63,6 +63,9 @@ HOMING_STATES = frozenset({OperatingState.ENABLED})
 HOMING_COMMANDS = frozenset({StateCommand.HOME, StateCommand.UNHOME})
 """They leave the operating state as it is."""
 
+STOPS = frozenset({StateCommand.PAUSE, StateCommand.DISABLE})
+"""They stop what moves, in any state, also where they are refused."""
+
 
 @dataclass(frozen=True, slots=True)
 class Status:

@@ -9,6 +9,7 @@ import gc
 import ipaddress
 import os
 import sys
+import tempfile
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -22,11 +23,12 @@ from xdist.workermanage import WorkerController
 
 from crtk_drivers.engine import threads
 from crtk_drivers.errors import MissingExtra
+from crtk_drivers.front import base
+from crtk_drivers.kit import child_process
 from crtk_drivers.ros import environment
 from crtk_sim_backends import process
-from rigs import scheduling
+from rigs import examples, programs, scheduling, warm_start
 from rigs.proof_table import proof_table
-from rigs.warm_start import SIMULATORS, WarmStart
 
 # What a shell may hold that changes how ROS 2 talks, or with whom.
 FOREIGN = (
@@ -50,16 +52,25 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 environment.share_no_memory()  # tests kill processes, and others must not hang or crash for that
-# Domains 1 to 101: their ports lie below those that Linux gives to outgoing connections.
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 101)
+# Domains 1 to 101: their ports lie below those that Linux gives to outgoing connections. No two workers of a
+# run have the same: they are counted from that of the process that started them.
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+FIRST = os.getppid() if WORKER else os.getpid()
+os.environ["ROS_DOMAIN_ID"] = str(1 + (FIRST + int(WORKER.removeprefix("gw") or 0)) % 101)
 # Without it an int in a float64 field is published as another number.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 
+# Black boxes of drivers that tests start.
+os.environ.setdefault("XDG_STATE_HOME", tempfile.mkdtemp(prefix="crtk_tests_"))
+
 settings.register_profile(
-    "dev", deadline=None, max_examples=100, suppress_health_check=[HealthCheck.too_slow]
+    "dev", deadline=None, max_examples=examples.ALL, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.register_profile("ci", settings.get_profile("dev"), derandomize=True, database=None)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
+
+NO_SLOW_ONES = "not slow"
+"""What `-m` says if nobody says anything else."""
 
 
 def forbid_traffic_beyond_this_machine(event: str, args: tuple[object, ...]) -> None:
@@ -87,8 +98,10 @@ sys.addaudithook(forbid_traffic_beyond_this_machine)
 # Failures inside the contract explain themselves.
 pytest.register_assert_rewrite("crtk_drivers.testing.contract")
 
-COLD_START = process._start
-"""How simulators are started for users."""
+gc.disable()  # until all is collected: in each worker it would take a second to find that all is kept
+
+COLD_START, COLD_CHILD = process._start, child_process._start
+"""How simulators, and processes of drivers, are started for users."""
 
 
 HAVE_ROS = find_spec("rclpy") is not None
@@ -97,10 +110,13 @@ if not HAVE_ROS:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def warm_start() -> Iterator[None]:
-    """Fork simulators, but for tests that use `cold_start`."""
-    server = WarmStart(SIMULATORS)
-    with patch.object(process, "_start", server.start):
+def warm_simulators() -> Iterator[None]:
+    """Fork simulators, and processes of drivers, but for tests that use `cold_start`."""
+    server = warm_start.server()
+    with (
+        patch.object(process, "_start", server.start),
+        patch.object(child_process, "_start", server.start_child),
+    ):
         yield
     server.close()
 
@@ -112,11 +128,38 @@ def soon_again() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def late_threads() -> Iterator[None]:
+    """Have no device in FAULT because others had the processor."""
+    with patch.object(threads, "STALL_LIMIT", warm_start.LATE_THREAD):
+        yield
+
+
+LATE_SAMPLE = 10.0
+"""Seconds, in place of one, that feedback is waited for which is not fresh, unless a test says otherwise."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def late_samples() -> Iterator[None]:
+    """Have no test read in vain because others had the processor."""
+    with patch.object(base, "DEFAULT_WAIT", LATE_SAMPLE):
+        yield
+
+
 @pytest.fixture(scope="module")
 def cold_start() -> Iterator[None]:
-    """Start simulators as users do: for tests of how that is done."""
-    with patch.object(process, "_start", COLD_START):
+    """Start simulators, and processes of drivers, as users do: for tests of how that is done."""
+    with (
+        patch.object(process, "_start", COLD_START),
+        patch.object(child_process, "_start", COLD_CHILD),
+    ):
         yield
+
+
+@pytest.fixture(scope="module", params=["forked", pytest.param("started", marks=pytest.mark.slow)])
+def start(request: pytest.FixtureRequest) -> programs.Start:
+    """Start a program: forked, and at night also as users do."""
+    return {"forked": warm_start.server().start_text, "started": programs.start}[request.param]
 
 
 HAVE_UR_RTDE = find_spec("rtde_control") is not None
@@ -165,8 +208,14 @@ STDERR = pytest.StashKey[int]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep a file for the stacks of a test that hangs: what it writes itself is captured."""
+    """Keep a file for the stacks of a test that hangs: what it writes itself is captured.
+
+    Where the slow tests are left out, so are most examples of each property: they are for the night, too.
+    """
     config.stash[STDERR] = os.dup(2)
+    if config.option.markexpr == NO_SLOW_ONES:
+        settings.register_profile("quick", settings.default, max_examples=examples.QUICK)
+        settings.load_profile("quick")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -235,21 +284,28 @@ def pytest_collection(session: pytest.Session) -> Generator[None, object, object
 
 @pytest.hookimpl(tryfirst=True)  # before those are left out that are slow
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give time to what computes, in workers that get what others leave; let one case of each sweep be quick.
+    """Give time to what computes, in workers that get what others leave; let some cases be quick.
 
-    Of a sweep that is one in `every`, and not the same in all functions of a file.
+    Of a sweep that is one in `every`, and not the same in all functions of a file; of what waits in real
+    time for long, one in `scheduling.EVERY`; of a class with a set `quick`, those that are in it.
     """
+    sweeps: dict[str, list[tuple[pytest.Item, int]]] = {}
     for item in items:
-        if scheduling.computes(item.nodeid) and not item.get_closest_marker("timeout"):
+        name = item.nodeid
+        marks = {mark.name: mark for mark in reversed(list(item.iter_markers()))}
+        if scheduling.computes(name) and "timeout" not in marks:
             item.add_marker(pytest.mark.timeout(scheduling.LONGEST_COMPUTATION))
-    sweeps: dict[str, list[pytest.Item]] = {}
-    for item in items:
-        if item.get_closest_marker("sweep"):
-            sweeps.setdefault(item.nodeid.partition("[")[0], []).append(item)
+        quick = getattr(getattr(item, "cls", None), "quick", None)
+        if quick is not None and item.name.partition("[")[0] not in quick:
+            item.add_marker("slow")
+        elif "slow" not in marks and ("sweep" in marks or scheduling.waits_long(name)):
+            # What is slow anyway is not the quick one of its function.
+            every = marks["sweep"].args[0] if "sweep" in marks else scheduling.EVERY
+            sweeps.setdefault(name.partition("[")[0], []).append((item, every))
     for function, cases in sweeps.items():
-        every = min(cases[0].get_closest_marker("sweep").args[0], len(cases))
+        every = min(cases[0][1], len(cases))
         first = crc32(function.rpartition("::")[2].encode()) % every
-        for number, item in enumerate(cases):
+        for number, (item, _) in enumerate(cases):
             if number % every != first:
                 item.add_marker("slow")
 
@@ -267,5 +323,5 @@ def pytest_collection_finish() -> None:
 
     An I/O thread that shares the process then starves a controller's watchdog, which is not what is tested.
     """
-    gc.collect()
-    gc.freeze()
+    gc.freeze()  # what is garbage among it, too: to find that takes half a second of CPU
+    gc.enable()

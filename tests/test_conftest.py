@@ -33,14 +33,15 @@ import conftest
 import pytest
 
 conftest.AFTER_ITS_TIME = 1.0
-pytestmark = pytest.mark.timeout(1)
 
 
+@pytest.mark.timeout(1)
 def test_it():
     signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])
     threading.Event().wait()
 
 
+@pytest.mark.timeout(60)
 def test_another():
     pass
 """
@@ -67,7 +68,7 @@ def run(folder: Path, source: str, *arguments: str) -> subprocess.CompletedProce
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=50,
+        timeout=200,
     )
 
 

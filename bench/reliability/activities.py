@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from bench.reliability.table import REST
+from crtk_drivers.errors import CommandRefused, Reason
 
 STEP_LIMIT = 0.02
 """Seconds by which the way of a stream of positions is continued at most, however late it is."""
@@ -79,6 +81,17 @@ def _here(arm: Any) -> np.ndarray:
     return np.array(setpoint if setpoint.size else arm.measured_jp(age=0))
 
 
+@contextmanager
+def _begun_anew(position: np.ndarray, here: Callable[[], np.ndarray]) -> Iterator[None]:
+    """Let a stream that ran ahead of a driver that was held up go on from where that is; it stays refused."""
+    try:
+        yield
+    except CommandRefused as refusal:
+        if refusal.reason is Reason.STEP_TOO_LARGE:
+            position[:] = here()
+        raise
+
+
 def _positions(name: str) -> Maker:
     def make(arm: Any, plan: Plan) -> Send:
         position = _here(arm)
@@ -89,7 +102,8 @@ def _positions(name: str) -> Maker:
             now = time.monotonic()
             position[0] += plan.velocity * min(now - last, STEP_LIMIT)
             last = now
-            getattr(arm, name)(position.copy())
+            with _begun_anew(position, lambda: _here(arm)):
+                getattr(arm, name)(position.copy())
 
         return send
 
@@ -107,7 +121,10 @@ def _poses(name: str) -> Maker:
             now = time.monotonic()
             position[1] += plan.linear * min(now - last, STEP_LIMIT)
             last = now
-            getattr(arm, name)(begin.__class__(position.copy(), begin.orientation, begin.frame_id))
+            with _begun_anew(position, lambda: arm.setpoint_cp(age=0).position):
+                getattr(arm, name)(
+                    begin.__class__(position.copy(), begin.orientation, begin.frame_id)
+                )
 
         return send
 

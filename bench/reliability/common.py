@@ -29,6 +29,28 @@ UNMOVED = (
 """F17, F18 and F19 of a driver without joints."""
 
 
+def passing(fault: str, name: str, kind: str, **parameters: object) -> Way:
+    """Return a way that a driver goes on through."""
+    return Way(fault, name, Follows.GOES_ON, kind, parameters)
+
+
+def by_tcp(port: str, within: float) -> tuple[Way, ...]:
+    """Return F1 to F4 of a device at a TCP port, as far as the port is concerned.
+
+    Args:
+        port: its name.
+        within: declared s after which a device that is silent is FAULT.
+    """
+    at = {"port": port}
+    return (
+        Way("F1", "the connection is closed", kind="disconnect", parameters=at),
+        Way("F2", "the connection is half open", kind="silence", parameters=at, within=within),
+        Way("F3", "nobody accepts", Follows.STARTS_LATER, "disconnect", at, within=3.0),
+        passing("F4", "byte by byte", "split", size=1, **at),
+        passing("F4", "in lumps of 20 ms", "coalesce", seconds=0.02, **at),
+    )
+
+
 class UnmovedRig(Rig):
     """A device of which nothing moves."""
 

@@ -10,13 +10,13 @@ from typing import Final
 
 import numpy as np
 
-from bench.reliability.rig import Rig
+from bench.reliability.rig import SLACK, Rig
 from bench.reliability.rigs import RIGS
 from bench.reliability.table import FAULTS, Way, full
 
 PAGE: Final = Path(__file__).parents[2] / "docs" / "reliability.md"
 
-INTRODUCTION: Final = """# Reliability
+INTRODUCTION: Final = f"""# Reliability
 
 Twenty faults, by every driver at its simulator, over the wire that the hardware has. This page is written
 by `python -m bench.faults --write` and by nothing else. `tests/all_devices/test_matrix.py` runs a part of the
@@ -24,9 +24,10 @@ same table in CI (each way in which a driver meets a fault, and each activity); 
 at rest, in each kind of stream and of move.
 
 In each cell the state and its reason are announced, and the joints come to stand, within the declared
-times. Where the joints are is read at the simulator, not at the driver. When the fault is over and the link
-is back nothing moves, though the client goes on sending; what it sends is refused with a reason. Then the
-device can be enabled, which moves nothing, and carries out a move.
+times and {SLACK:g} s more, which a busy machine may take: later, and the cell has failed. What was measured
+stands beside what is declared. Where the joints are is read at the simulator, not at the driver. When the
+fault is over and the link is back nothing moves, though the client goes on sending; what it sends is refused
+with a reason. Then the device can be enabled, which moves nothing, and carries out a move.
 
 What is measured here is a simulator with the decelerations of its model, and drivers that are configured
 for a busy machine (longer timeouts than their defaults). It says how soon the driver, and the watchdog of

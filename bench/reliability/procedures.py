@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import signal
 import subprocess
 import sys
 import time
@@ -122,8 +120,13 @@ def _ended(rig: Rig) -> None:
         rig.require(bool(move.reason) or str(move.outcome) != "aborted", "aborted without a reason")
 
 
+def _far(rig: Rig, start: np.ndarray) -> float:
+    """Return how far from there the joint is that is farthest, rad (m)."""
+    return float(np.abs(rig.look().joints - start).max(initial=0.0))
+
+
 def _stands_at(rig: Rig, rest: np.ndarray, when: str) -> None:
-    far = float(np.abs(rig.look().joints - rest).max(initial=0.0))
+    far = _far(rig, rest)
     rig.require(far <= 2.0 * rig.tolerance, f"{when}, but a joint moved by {far:.4f}")
 
 
@@ -152,17 +155,20 @@ def _goes_on(rig: Rig, way: Way, activity: str) -> Result:
         move = rig.activity.move
         rig.until(lambda: not move.is_busy(), PATIENCE, "the move ends")
         rig.require(str(move.outcome) == "reached", f"the move is {move.outcome}: {move.reason}")
+        rig.require(_far(rig, before) > 5.0 * rig.tolerance, "it has not moved any more")
     else:
         rig.run(GOING_ON)
+        if activity not in STANDING:  # later than what was on its way has been carried out
+            there = rig.look().joints
+            moved = 5.0 * rig.tolerance
+            rig.until(lambda: _far(rig, there) > moved, _slack(rig), "it goes on moving")
     left = [status for _, status in rig.log.announced if status.state != "ENABLED"]
     rig.require(not left, f"it left ENABLED: {left[:1]}")
-    far = float(np.abs(rig.look().joints - before).max(initial=0.0))
-    if activity not in STANDING:
-        rig.require(far > 5.0 * rig.tolerance, "it does not move any more")
-    else:
+    if activity in STANDING:
+        far = _far(rig, before)
         rig.require(far <= 2.0 * rig.tolerance, f"it moved by {far:.4f} at rest")
     rig.stop_activity()
-    if rig.engine.capabilities.joints:
+    if rig.moves_joints:
         with contextlib.suppress(CommandRefused):
             rig.arm.hold()
     rig.until_still()
@@ -185,9 +191,9 @@ def _holds(rig: Rig, way: Way, activity: str) -> Result:
 
 def _starts_later(rig: Rig, way: Way, activity: str) -> Result:
     """It says why it cannot connect, lives on, and connects later: DISABLED."""
-    rest = rig.look().joints
     rig.close()
     rig.open(start=False)
+    rest = rig.look().joints
     try:
         began = rig.begin_fault(way)
         rig.driver.start()
@@ -256,6 +262,12 @@ def _kept_out(rig: Rig, way: Way, activity: str) -> Result:
     return result
 
 
+def _start(options: str, activity: str) -> subprocess.Popen[bytes]:
+    """Start a driver in a process of its own."""
+    command = [sys.executable, "-m", "bench.reliability.victim", options, activity]
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
+
+
 def _outlived(rig: Rig, way: Way, activity: str) -> Result:
     """The hardware stops by itself when the driver's process is killed or frozen."""
     rig.close()
@@ -264,26 +276,23 @@ def _outlived(rig: Rig, way: Way, activity: str) -> Result:
         "config": json.loads(rig.config.model_dump_json(exclude_unset=True)),
         "plan": asdict(rig.plan),
     }
-    command = [sys.executable, "-m", "bench.reliability.victim", json.dumps(options), activity]
     result = Result()
-    victim = subprocess.Popen(command, stdin=subprocess.DEVNULL)
-    try:
-        rig.looks.clear()
-        start = rig.look().joints
+    with _start(json.dumps(options), activity) as victim:
+        try:
+            rig.looks.clear()
+            start = rig.look().joints
 
-        def moves() -> bool:
-            if victim.poll() is not None:
-                raise BrokenPromiseError(f"the driver's process ended: {victim.returncode}")
-            return bool(np.abs(rig.joints() - start).max() > 10.0 * rig.tolerance)
+            def moves() -> bool:
+                if victim.poll() is not None:
+                    raise BrokenPromiseError(f"the driver's process ended: {victim.returncode}")
+                return bool(np.abs(rig.joints() - start).max() > 10.0 * rig.tolerance)
 
-        rig.until(moves, 2.0 * PATIENCE, "it moves")
-        began = time.monotonic()
-        victim.send_signal(way.parameters["signal"])
-        rest = _stood(rig, way, began, result)
-    finally:
-        if victim.poll() is None:
-            os.kill(victim.pid, signal.SIGKILL)
-        victim.wait(PATIENCE)
+            rig.until(moves, 2.0 * PATIENCE, "it moves")
+            began = time.monotonic()
+            victim.send_signal(way.parameters["signal"])
+            rest = _stood(rig, way, began, result)
+        finally:
+            victim.kill()
     return _reopened(rig, rest, result)
 
 

@@ -21,13 +21,20 @@ from bench.reliability.disturbed import DisturbedDevice
 from bench.reliability.table import Absent, Way
 from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.engine import Engine, Observer, threads
-from crtk_drivers.errors import CommandRefused, CrtkError, DeviceError, StopUnconfirmed
+from crtk_drivers.errors import (
+    CommandRefused,
+    CrtkError,
+    DeviceError,
+    MotionAborted,
+    StopUnconfirmed,
+)
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.stopping import UNSEEN
 from crtk_drivers.plugins import DevicePlugin, RunningSim
 from crtk_drivers.samples import Stamp
 from crtk_drivers.session import Session
 from crtk_drivers.state import Status
+from crtk_sim_backends.simulator import Simulator
 
 PATIENCE = 20.0
 """Seconds for what has no bound of its own: connecting, enabling, going home."""
@@ -38,10 +45,19 @@ SLACK = 3.0
 LOOK = 0.004
 """Seconds between two looks at the joints."""
 
+SELDOM = 0.01
+"""The same in tests, which do not measure how long something took."""
+
 STILL = 0.15
 """Seconds in which joints that stand have not moved."""
 
-STALL_LIMIT = 1.0
+FEW = 4
+"""Looks in which they have not."""
+
+HELD_UP = 1.0
+"""Seconds for which a thread or a process may get no time on a busy machine: a simulator, too."""
+
+STALL_LIMIT = 2.0
 """Seconds for which an I/O thread may get no time on a busy machine before it counts as stuck."""
 
 SPEED_UP = 0.1
@@ -93,6 +109,8 @@ class Rig(ABC):
 
     Class attributes:
         name: of the driver, as in the table.
+        plugin: of the driver.
+        simulator, sim_options: its simulator, None where there is none, and how that is started.
         ways, absent: its part of the table.
         plan: how its arm is moved.
         activities: what it can do.
@@ -103,6 +121,9 @@ class Rig(ABC):
     """
 
     name: ClassVar[str]
+    plugin: ClassVar[DevicePlugin]
+    simulator: ClassVar[Simulator[Any, Any] | None] = None
+    sim_options: ClassVar[Mapping[str, Any]] = {}
     ways: ClassVar[tuple[Way, ...]]
     absent: ClassVar[tuple[Absent, ...]]
     plan: ClassVar[Plan] = Plan(0.0, 0.0)
@@ -127,14 +148,9 @@ class Rig(ABC):
 
     # ------------------------------------------------------------------------------ of each driver
 
-    @property
-    @abstractmethod
-    def plugin(self) -> DevicePlugin:
-        """Of the driver."""
-
-    @abstractmethod
     def start_sim(self) -> RunningSim | None:
         """Start the simulator, if there is one."""
+        return None if self.simulator is None else self.simulator.spawn(**self.sim_options)
 
     @abstractmethod
     def joints(self) -> np.ndarray:
@@ -183,13 +199,18 @@ class Rig(ABC):
         pointed: DeviceConfig = self.plugin.sim_config(config, self.sim)
         return pointed
 
+    @property
+    def own_config(self) -> DeviceConfig:
+        """That of drivers in this process; those in processes of their own have `config`."""
+        return self.config
+
     def session(self) -> Session:
         """Return another session at the same simulator, not started."""
 
         def create(config: DeviceConfig) -> DisturbedDevice:
             return DisturbedDevice(self.plugin.create(config))
 
-        return Session(replace(self.plugin, create=create), self.config)
+        return Session(replace(self.plugin, create=create), self.own_config)
 
     def open(self, *, start: bool = True, wait: bool = True) -> None:
         """Begin a session of the driver."""
@@ -212,6 +233,11 @@ class Rig(ABC):
         except StopUnconfirmed as error:
             if was_seen and UNSEEN not in str(error):
                 raise
+
+    @property
+    def moves_joints(self) -> bool:
+        """Whether it has joints, and can be told to move them."""
+        return bool(self.engine.capabilities.joints and self.engine.capabilities.modes)
 
     @property
     def _sees_joints(self) -> bool:
@@ -275,7 +301,7 @@ class Rig(ABC):
         self.look()
         self.check_stamps()
         self.check_ranges()
-        time.sleep(LOOK)
+        time.sleep(SELDOM if self.patient else LOOK)
 
     def look(self) -> Look:
         """Look at the joints."""
@@ -336,14 +362,13 @@ class Rig(ABC):
             raise BrokenPromiseError(what)
 
     def still(self, seconds: float = STILL) -> bool:
-        """Whether no joint has moved for so long."""
-        now = time.monotonic()
-        recent = [look.joints for look in reversed(self.looks) if look.at >= now - seconds]
-        covered = len(self.looks) > len(recent) > 3
-        return (
-            covered
-            and float(np.ptp(np.array(recent), axis=0).max(initial=0.0)) < self.tolerance / 2
-        )
+        """Whether no joint has moved for so long, and in some looks, which may be far between."""
+        begin = time.monotonic() - seconds
+        count = max(FEW, sum(look.at >= begin for look in self.looks))
+        if len(self.looks) <= count:
+            return False
+        recent = np.array([look.joints for look in self.looks[-count:]])
+        return float(np.ptp(recent, axis=0).max(initial=0.0)) < self.tolerance / 2
 
     def until_still(self, timeout: float = PATIENCE) -> np.ndarray:
         """Wait until all joints stand; return where."""
@@ -357,14 +382,27 @@ class Rig(ABC):
         self.until(lambda: self.connected, PATIENCE, "it is connected")
         self.by_hand()
         self.enable()
-        if self.engine.capabilities.joints:
-            self.arm.hold()
-            if np.abs(self.until_still() - self.home()).max() > self.plan.room:
-                self.go_home()
+        if self.moves_joints:
+            self._begin_at_home()
         self._unwatched = False
         self.looks.clear()
         self.log.announced.clear()
         self.log.refused.clear()
+
+    def _begin_at_home(self) -> None:
+        """Stand at home or near it. A device that was not heard for a moment on the way begins again."""
+        for again in (True, True, False):
+            try:
+                self.arm.hold()
+                if np.abs(self.until_still() - self.home()).max() > self.plan.room:
+                    self.go_home()
+            except (CommandRefused, MotionAborted):
+                if not again or not self.patient:
+                    raise
+                self.until(lambda: self.connected, PATIENCE, "it is connected")
+                self.enable()
+            else:
+                return
 
     def go_home(self) -> None:
         """Move all joints to where they began."""

@@ -11,12 +11,10 @@ from typing_extensions import override
 
 from bench.reliability.activities import Plan
 from bench.reliability.common import of_part, outlived, own_process
-from bench.reliability.rig import Rig
+from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_canopen import PLUGIN
-from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.canopen import SIM
-from crtk_sim_backends.process import RunningSim
 
 COUNT = 3
 MOVING = 1
@@ -179,8 +177,8 @@ VALUES: Mapping[str, Any] = {
 
 _PATIENT = {
     "period": PERIOD,
-    "missed_cycles": 20,
-    "heartbeat": {"ours_timeout": HEARTBEAT, "drives_timeout": HEARTBEAT},
+    "missed_cycles": 100,
+    "heartbeat": {"ours_timeout": HEARTBEAT + HELD_UP, "drives_timeout": HEARTBEAT + HELD_UP},
     "open_timeout": 10.0,
     "stream_timeout": 0.3,
 }
@@ -190,6 +188,9 @@ class CanopenRig(Rig):
     """The arm."""
 
     name = "canopen"
+    plugin = PLUGIN
+    simulator = SIM
+    sim_options = {"nodes": COUNT, "realtime": True}  # noqa: RUF012
     ways = WAYS
     absent = ABSENT
     plan = Plan(velocity=0.5, far=2.0, effort=3.0, room=0.5)
@@ -205,15 +206,6 @@ class CanopenRig(Rig):
     )
     defaults = VALUES
     values = _PATIENT
-
-    @property
-    @override
-    def plugin(self) -> DevicePlugin:
-        return PLUGIN
-
-    @override
-    def start_sim(self) -> RunningSim:
-        return SIM.spawn(nodes=COUNT, realtime=True)
 
     @override
     def joints(self) -> np.ndarray:

@@ -7,11 +7,10 @@ from typing_extensions import override
 
 from bench.reliability.activities import Plan
 from bench.reliability.common import of_part, outlived, own_process
-from bench.reliability.rig import Rig
+from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_dynamixel import PLUGIN
-from crtk_drivers.plugins import DevicePlugin
-from crtk_sim_backends.dynamixel import SIM, RunningSim
+from crtk_sim_backends.dynamixel import SIM
 
 ID = 5
 JOINT = "joint wrist_angle (servo 5 on main)"
@@ -20,8 +19,8 @@ SERVOS = ",".join(
 )
 STOP = 1.0
 SILENT = 0.5
-"""`silent_timeout` of tests, s."""
-WATCHDOG = 0.2
+"""Declared s after which a servo that does not answer is a fault."""
+WATCHDOG = 0.4
 BOOT = 2.0
 """Seconds in which the driver may notice that a servo has started again."""
 
@@ -100,12 +99,13 @@ ABSENT = (
 
 _DEFAULTS = {"arm": "arm6", "fast_read": False}
 _PATIENT = {
+    "rate": 100.0,
     "sample_timeout": 3.0,
     "open_timeout": 10.0,
     "latency_budget": 0.02,
-    "silent_timeout": SILENT,
+    "silent_timeout": SILENT + HELD_UP,
     "slow_interval": 0.05,
-    "watchdog": WATCHDOG,
+    "watchdog": WATCHDOG + HELD_UP,
     "stream_timeout": 0.3,
 }
 
@@ -114,6 +114,9 @@ class DynamixelRig(Rig):
     """The arm."""
 
     name = "dynamixel"
+    plugin = PLUGIN
+    simulator = SIM
+    sim_options = {"servos": SERVOS, "realtime": True, "trace_size": 1000}  # noqa: RUF012
     ways = WAYS
     absent = ABSENT
     plan = Plan(velocity=0.5, far=2.0, effort=0.3, linear=0.1, away=0.12, room=0.3)
@@ -134,15 +137,6 @@ class DynamixelRig(Rig):
     values = _PATIENT
     tolerance = 5e-3  # three counts of 1.5 mrad
     belated = BOOT
-
-    @property
-    @override
-    def plugin(self) -> DevicePlugin:
-        return PLUGIN
-
-    @override
-    def start_sim(self) -> RunningSim:
-        return SIM.spawn(servos=SERVOS, realtime=True, trace_size=1000)
 
     @override
     def home(self) -> np.ndarray:

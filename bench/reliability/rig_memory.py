@@ -87,7 +87,7 @@ WAYS = (
 )
 
 _PATIENT = {"sample_timeout": SAMPLES, "stream_timeout": 0.3}
-_QUICK = {**_PATIENT, "acceleration": 20.0}
+_QUICK = {**_PATIENT, "acceleration": 20.0, "rate": 200.0}
 
 
 class _Seen(LoopbackDevice):
@@ -108,9 +108,6 @@ class _MemoryRig(Rig):
     absent = ABSENT
     values = _PATIENT
 
-    def start_sim(self) -> None:
-        """There is none."""
-
     @override
     def open(self, *, start: bool = True, wait: bool = True) -> None:
         """It is another arm."""
@@ -127,6 +124,7 @@ class LoopbackRig(_MemoryRig):
     """The gantry."""
 
     name = "loopback"
+    plugin = DevicePlugin(LOOPBACK.name, LOOPBACK.summary, LOOPBACK.config, _gantry)
     thorough = False
     plan = Plan(
         velocity=0.3, far=0.9, effort=6.0, linear=0.2, force=4.0, away=0.8, ratio=0.5, room=0.15
@@ -147,11 +145,6 @@ class LoopbackRig(_MemoryRig):
         "free",
     )
 
-    @property
-    @override
-    def plugin(self) -> DevicePlugin:
-        return DevicePlugin(LOOPBACK.name, LOOPBACK.summary, LOOPBACK.config, _gantry)
-
     @override
     def joints(self) -> np.ndarray:
         self.disturbed.look()
@@ -164,14 +157,10 @@ class VirtualRig(_MemoryRig):
     """The arm with dynamics."""
 
     name = "virtual"
+    plugin = VIRTUAL
     plan = Plan(velocity=0.5, far=1.5, effort=20.0, linear=0.2, force=40.0, away=0.25, room=0.3)
     values = _QUICK
     activities = LoopbackRig.activities
-
-    @property
-    @override
-    def plugin(self) -> DevicePlugin:
-        return VIRTUAL
 
     @override
     def home(self) -> np.ndarray:

@@ -6,22 +6,15 @@ import time
 
 from typing_extensions import override
 
-from bench.reliability.common import UNMOVED, UnmovedRig
-from bench.reliability.rig import SLACK
+from bench.reliability.common import UNMOVED, UnmovedRig, passing
+from bench.reliability.rig import HELD_UP, SLACK
 from bench.reliability.table import Absent, Follows, Way
 from crtk_driver_ndi import PLUGIN
-from crtk_drivers.plugins import DevicePlugin
 from crtk_sim_backends.ndi import SIM
-from crtk_sim_backends.process import RunningSim
 
 SAMPLES = 1.0
 """`sample_timeout` of tests, s."""
 TCP = {"port": "tcp"}
-
-
-def _through(fault: str, name: str, kind: str, **parameters: object) -> Way:
-    return Way(fault, name, Follows.GOES_ON, kind, parameters)
-
 
 WAYS = (
     Way("F1", "the connection is closed", kind="disconnect", parameters=TCP),
@@ -29,10 +22,10 @@ WAYS = (
     Way("F2", "it shows one frame again and again", kind="frozen", within=SAMPLES),
     Way("F3", "nobody accepts", Follows.STARTS_LATER, "disconnect", TCP, within=3.0),
     Way("F3", "nobody answers", Follows.STARTS_LATER, "no_answer", TCP, within=4.0),
-    _through("F4", "byte by byte", "split", size=1, **TCP),
-    _through("F4", "in lumps of 20 ms", "coalesce", seconds=0.02, **TCP),
-    _through("F5", "every 4th reply is damaged", "damage", every=4),
-    _through("F5", "a component of an unknown type", "strange"),
+    passing("F4", "byte by byte", "split", size=1, **TCP),
+    passing("F4", "in lumps of 20 ms", "coalesce", seconds=0.02, **TCP),
+    passing("F5", "every 4th reply is damaged", "damage", every=4),
+    passing("F5", "a component of an unknown type", "strange"),
     Way("F5", "every reply is damaged", kind="damage", parameters={"every": 1}, within=SAMPLES),
     Way("F5", "a reply that says it has 4 GiB", kind="hostile_length", within=SAMPLES),
     Way("F9", "it is reset", kind="reset", detail="reset"),
@@ -60,25 +53,19 @@ ABSENT = (
 )
 
 
-_PATIENT = {"sample_timeout": SAMPLES, "open_timeout": 5.0}
+_PATIENT = {"sample_timeout": SAMPLES + HELD_UP, "open_timeout": 5.0}
 
 
 class NdiRig(UnmovedRig):
     """The tracker."""
 
     name = "ndi"
+    plugin = PLUGIN
+    simulator = SIM
+    sim_options = {"family": "vega"}  # noqa: RUF012
     ways = WAYS
     absent = ABSENT
     values = _PATIENT
-
-    @property
-    @override
-    def plugin(self) -> DevicePlugin:
-        return PLUGIN
-
-    @override
-    def start_sim(self) -> RunningSim:
-        return SIM.spawn(family="vega")
 
     @override
     def check_stamps(self) -> None:

@@ -7,8 +7,7 @@ from typing_extensions import override
 from bench.reliability.common import UNMOVED, UnmovedRig
 from bench.reliability.table import Absent, Follows, Way
 from crtk_driver_ati_netft import PLUGIN
-from crtk_drivers.plugins import DevicePlugin
-from crtk_sim_backends.netft import SIM, RunningSim
+from crtk_sim_backends.netft import SIM
 
 SAMPLES = 1.0
 """`sample_timeout` of tests, s."""
@@ -57,18 +56,12 @@ class NetFtRig(UnmovedRig):
     """The sensor."""
 
     name = "ati-netft"
+    plugin = PLUGIN
+    simulator = SIM
+    sim_options = {"rdt_port": 0, "tcp_port": 0, "http_port": 0}  # noqa: RUF012
     ways = WAYS
     absent = ABSENT
     values = _PATIENT
-
-    @property
-    @override
-    def plugin(self) -> DevicePlugin:
-        return PLUGIN
-
-    @override
-    def start_sim(self) -> RunningSim:
-        return SIM.spawn(rdt_port=0, tcp_port=0, http_port=0)
 
     @override
     def ready(self) -> None:

@@ -235,7 +235,7 @@ class Walk:
             self.go_on(self._told_by - time.monotonic())
         try:
             self.rig.ready()
-            if self.rig.engine.capabilities.joints:
+            if self.rig.moves_joints:
                 self.rig.go_home()
         except (BrokenPromiseError, CrtkError) as error:
             raise self.broken(f"it does not recover: {error}") from error

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["main"]
+from crtk_drivers.status.stop_request import INTERRUPTED, left_at_interrupt
 
-_INTERRUPTED = 130
-"""The exit code after Ctrl-C, as of any program that a signal ends."""
+__all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     try:
-        # Not before: it takes up to a second, in which Ctrl-C must not print where it hit.
-        from crtk_drivers.cli.app import main as run
+        with left_at_interrupt():  # until a command runs
+            from crtk_drivers.cli.app import main as run
 
-        return run(arguments)
+            return run(arguments)
     except KeyboardInterrupt:
-        return _INTERRUPTED
+        return INTERRUPTED

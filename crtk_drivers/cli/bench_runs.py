@@ -7,7 +7,7 @@ import logging
 import os
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -68,9 +68,9 @@ def run(
     folder = out or default_folder(lab)
     earlier = history.earlier_of(lab, folder.parent, against)
     options = BenchOptions(suite, tuple(only), may_move, folder, tuple(may_travel), at_once)
-    with stop_signals() as stop, _stopped_by_ctrl_z(lab, may_move, stop), _shown() as show:
+    with stop_signals() as stop, _stopped_by_ctrl_z(lab, may_move, stop), _shown(stop) as show:
         try:
-            found = run_bench(lab, options, show, stop, ask)
+            found = run_bench(lab, options, show, stop, _seen(ask, stop))
         except OSError as error:
             raise ConfigError(
                 f"results cannot be written: {error.strerror}", where=str(folder)
@@ -257,8 +257,22 @@ def _verdicts(found: Run) -> Table:
     return table
 
 
+def _seen(tell: Callable[..., None], stop: StopRequest) -> Callable[..., None]:
+    """Return what tells the operator, and ends the run as Ctrl-C does where nobody reads that any more."""
+
+    def told(*arguments: Any) -> None:
+        try:
+            tell(*arguments)
+        except OSError:
+            ERR.quiet = True
+        if ERR.quiet:
+            stop.set()
+
+    return told
+
+
 @contextmanager
-def _shown() -> Iterator[Any]:
+def _shown(stop: StopRequest) -> Iterator[Any]:
     """Show each test as it ends, and on a terminal the one that runs."""
     began = time.monotonic()
     running: dict[str, None] = {}
@@ -288,7 +302,7 @@ def _shown() -> Iterator[Any]:
             live.update(Spinner("dots", Text(doing, overflow="ellipsis")) if doing else Text(""))
 
     if live is None:
-        yield progress
+        yield _seen(progress, stop)
         return
     with live:
-        yield progress
+        yield _seen(progress, stop)

@@ -75,15 +75,15 @@ def _state(
 def _state_command(command: StateCommand) -> Callable[..., None]:
     def run(namespace: Namespace, timeout: Timeout = FIND_TIMEOUT) -> None:
         from crtk_drivers.cli.state_view import status_words
+        from crtk_drivers.client.state_commands import home_to_its_end
 
         with reached(namespace, timeout) as device:
-            carry_out: Callable[[], None] = getattr(device, command.value)
             with ERR.status(f"{command} {plain(device.namespace)} ..."):
                 if command is StateCommand.HOME:
                     with held_when_interrupted(device):
-                        carry_out()
+                        home_to_its_end(device)
                 else:
-                    carry_out()
+                    device.state_command(command.value)
             OUT.print(
                 f"{plain(device.namespace)}  ", status_words(device.operating_state()), sep=""
             )

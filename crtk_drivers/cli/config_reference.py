@@ -21,6 +21,7 @@ from crtk_drivers.cli.terminal import as_sentence
 from crtk_drivers.cli.written_files import out_of_date
 from crtk_drivers.config import DeviceConfig, NodeConfig
 from crtk_drivers.config.keys import description_of
+from crtk_drivers.motion.teleop.teleop_settings import TeleopSettings
 from crtk_drivers.plugins import DevicePlugin, PluginEntry, SimPlugin
 
 _HEAD = """\
@@ -210,6 +211,11 @@ def document() -> str:
         f"## Table `node`: the ROS 2 node\n\nThey are the node's ROS parameters; the rates can be "
         f"changed while it runs.\n\n{table_of(NodeConfig)}",
     ]
+    teleop = table_of(TeleopSettings)
+    parts.append(
+        "## Table `teleop` of a lab file\n\nFor `crtk-driver teleop`: [Teleoperation](teleop.md)."
+        f"\n\n{teleop}"
+    )
     for entry in _own(plugins.devices()):
         device: DevicePlugin = entry.plugin
         keys = table_of(device.config, tuple(DeviceConfig.model_fields))

@@ -14,7 +14,6 @@ from rich.text import Text
 from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.reaching import (
     FIND_TIMEOUT,
-    INTERRUPTED,
     Interrupted,
     Timeout,
     interruptible,
@@ -24,6 +23,7 @@ from crtk_drivers.cli.terminal import ERR, OUT, ask, plain, print_error
 from crtk_drivers.config import from_file, load
 from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.ros.names import checked_namespace
+from crtk_drivers.status.stop_request import INTERRUPTED
 
 if TYPE_CHECKING:
     from crtk_drivers.client.conformance.expectations import Expectations
@@ -174,25 +174,24 @@ def _told(outcome: Outcome, out: Path | None) -> int:
 
 def _print_list(ids: Iterable[str]) -> None:
     from crtk_drivers.client.conformance.clauses import CLAUSES
-    from crtk_drivers.client.conformance.rounds import TESTED
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("clause", "level", "source", "needs", ""):
         table.add_column(column, overflow="fold", no_wrap=column in ("clause", "level"))
     for each in ids:
         clause = CLAUSES[each]
-        needs = clause.needs.name.lower() if each in TESTED else "not yet tested"
+        needs = clause.needs.name.lower()
         table.add_row(each, clause.level, clause.source, needs, Text(clause.text))
     OUT.print(table)
 
 
 def _table(results: Iterable[Judged]) -> Table:
-    from crtk_drivers.client.conformance.rounds import BY_HAND, NOT_PERMITTED, NOT_TESTED
+    from crtk_drivers.client.conformance.rounds import BY_HAND, NOT_PERMITTED
 
     table = Table(box=None, pad_edge=False, header_style="dim")
     for column in ("clause", "level", "verdict", "what is asked, and what was seen"):
         table.add_column(column, overflow="fold", no_wrap=column in ("clause", "level", "verdict"))
-    alike: dict[str, list[str]] = {NOT_PERMITTED: [], BY_HAND: [], NOT_TESTED: []}
+    alike: dict[str, list[str]] = {NOT_PERMITTED: [], BY_HAND: []}
     for each in results:
         clause, finding = each.clause, each.finding
         if finding.text in alike:

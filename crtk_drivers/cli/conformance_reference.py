@@ -20,7 +20,6 @@ from crtk_drivers.cli.written_files import out_of_date
 from crtk_drivers.client.conformance.clause_rows import ROWS, Needs
 from crtk_drivers.client.conformance.clauses import CLAUSES
 from crtk_drivers.client.conformance.expectations import Expectations
-from crtk_drivers.client.conformance.rounds import NOT_TESTED, TESTED
 
 _MARKED: Final = re.compile(
     r"(?P<begin><!-- (?P<what>clauses|expectations) -->\n).*?(?=<!-- end -->)", re.DOTALL
@@ -40,8 +39,6 @@ def _lines() -> Iterator[str]:
         for row in rows:
             clause = CLAUSES[row[0]]
             needs = _NEEDS[clause.needs]
-            if clause.id not in TESTED:
-                needs = f"{needs}; {NOT_TESTED}".removeprefix("; ")
             cells = (clause.id, clause.level, clause.text, clause.source, clause.test, needs)
             yield f"| {' | '.join(str(cell).replace('|', '/') for cell in cells)} |\n"
 

@@ -10,11 +10,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from crtk_drivers.cli.felt_on_ros import felt_on_ros
+from crtk_drivers.cli.coupled_on_ros import coupled_on_ros
 from crtk_drivers.cli.launch import Launch, launch_of, launch_options
 from crtk_drivers.cli.log_setup import LEVELS, LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine
@@ -30,13 +31,14 @@ from crtk_drivers.cli.typed_options import (
     setting_options,
 )
 from crtk_drivers.config import load
-from crtk_drivers.errors import CrtkError
+from crtk_drivers.errors import ConfigError, CrtkError
 from crtk_drivers.labs.reports import REPORT_FD, Reporter
 from crtk_drivers.plugins import DevicePlugin, RunningSim, Tool
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
 from crtk_drivers.state import Status
 from crtk_drivers.status.health import Health
+from crtk_drivers.status.stop_request import left_at_interrupt
 
 if TYPE_CHECKING:
     from crtk_drivers.session import Session
@@ -44,6 +46,15 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _TOOL_PREFIX = "tool_"
+
+RECORD_OPTION: Final = option(
+    "record",
+    Path | None,
+    None,
+    "--record",
+    metavar="FILE",
+    help="Record every sample and command from the start to this MCAP file; see `crtk-driver plot --help`.",
+)
 
 LOG_OPTIONS: Parameters = (
     option(
@@ -73,11 +84,13 @@ def build(plugin: DevicePlugin, panel: str) -> Any:
     parameters = [
         namespace_option(plugin.name),
         *launch_options(plugin),
+        RECORD_OPTION,
         *LOG_OPTIONS,
     ]
 
     def run(context: typer.Context, **given: Any) -> int:
-        return run_device(plugin, given, context.obj.ros_args)
+        with left_at_interrupt():  # before it serves, which stops the device
+            return run_device(plugin, given, context.obj.ros_args)
 
     example = "--sim" if plugin.sim else ""
     help_text = (
@@ -132,15 +145,23 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     set_up_logging(ERR, given["log_level"], log_format)
     namespace = checked_namespace(given["ns"])
     launch = launch_of(plugin, given)
+    record: Path | None = given["record"]
+    if record is not None and record.exists():
+        raise ConfigError(
+            "is there already", where=f"--record {record}", remedy="Choose another name."
+        )
     environment.check()
     reach = environment.reach()
     environment.share_no_memory()
     session = opened(launch)
     from crtk_drivers.ros import serving
+    from crtk_drivers.session.recordings import state_folder
 
     if log_format is LogFormat.TEXT:
         _tell_page(session.sim)
-    engine = session.engine
+    engine, recordings = session.engine, session.recordings
+    if session.config.recording.folder is None:
+        recordings.folder = state_folder(engine.name)
     if session.page is not None:
         logger.info("%s: page: %s", engine.name, session.page.address)
     live = ERR.is_terminal and log_format is LogFormat.TEXT
@@ -151,7 +172,7 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
     reporter = _reporter(read)
     with (
         StatusLine(ERR, f"{engine.name} {namespace}", read, live=live) as line,
-        felt_on_ros(plugin, session.sim, launch.carried),
+        coupled_on_ros(plugin, launch.config, session.sim, launch.carried),
     ):
 
         def idle() -> None:
@@ -162,6 +183,8 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
 
         def served(where: str) -> None:
             line.name = f"{engine.name} {where}"
+            if record is not None:
+                logger.info("%s: recording %s", engine.name, recordings.start(record))
             logger.info("%s", _what_next(where, engine.commands))
             if reach:
                 logger.warning(

@@ -1,7 +1,8 @@
 """Help pages: headings, names that are never cut, descriptions beside or below them.
 
 A terminal of any width, and a pipe, get the same words: a name that leaves no room beside it stands in a line
-of its own. Commands and groups get these pages by their class, `HelpfulCommand` or `HelpfulGroup`.
+of its own. Commands and groups get these pages by their class, `HelpfulCommand` or `HelpfulGroup`; the first
+also has Ctrl-C raise KeyboardInterrupt while the command runs.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 from typing_extensions import override
 
 from crtk_drivers.cli.terminal import OUT
+from crtk_drivers.status.stop_request import raised_at_interrupt
 
 WIDEST: Final = 100
 """Columns that a page takes at most."""
@@ -45,6 +47,12 @@ class _StableNames:
 
 class HelpfulCommand(_StableNames, TyperCommand):
     """A command with such a page."""
+
+    @override
+    def invoke(self, ctx: Any) -> Any:
+        """Run it; what it has opened is closed at Ctrl-C."""
+        with raised_at_interrupt():
+            return super().invoke(ctx)
 
     @override
     def format_help(self, ctx: Any, formatter: Any) -> None:

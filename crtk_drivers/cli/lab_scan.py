@@ -32,7 +32,7 @@ def scanned_lab(places: tuple[str, ...]) -> str:
             raise ConfigError(
                 "is neither a serial port nor a CAN bus",
                 where=place,
-                remedy="For example: /dev/ttyUSB0, can0, slcan:/dev/ttyACM0",
+                remedy="For example: /dev/ttyUSB0, can0, slcan:/dev/ttyACM0, socket://192.168.1.10:54321",
             )
     found: dict[str, list[FoundDevice]] = {}
     for name, finder in finders.items():

@@ -22,10 +22,12 @@ from crtk_drivers.config import (
     NodeConfig,
     from_assignments,
     from_file,
+    from_values,
     load,
     with_node,
 )
 from crtk_drivers.config.keys import heading_of, setting_names
+from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.lab_file import CarriedEntry
 from crtk_drivers.plugins import DevicePlugin
@@ -42,6 +44,7 @@ _RESERVED = frozenset(
         "--log-format",
         "--log-level",
         "--ns",
+        "--record",
         "--set",
         "--sim",
         "--sim-carried",
@@ -55,7 +58,7 @@ _RESERVED = frozenset(
 class Launch:
     """A device with its checked configuration, ready to be opened.
 
-    `carried` says which device on ROS carries it, and what hangs on it, for its simulator to feel.
+    `carried` says which devices on ROS carry it or its markers, for its simulator to follow.
     """
 
     plugin: DevicePlugin
@@ -122,8 +125,9 @@ def launch_options(plugin: DevicePlugin) -> Parameters:
             [],
             "--sim-carried",
             metavar="KEY=VALUE",
-            help="With --sim: `on`, `mounting` and `tool` as in a lab file, where `on` is a namespace: its "
-            "simulator feels the tool as that arm turns. For simulated arms.",
+            help="With --sim: `on`, `mounting` and `tool`, or `stands` and `markers`, as in a lab file, "
+            "where `on` is a namespace: its simulator feels the tool as that arm turns, or sees the markers "
+            "where the arms have them. For simulated arms.",
             rich_help_panel="Simulator",
         )
     ]
@@ -165,7 +169,7 @@ def launch_options(plugin: DevicePlugin) -> Parameters:
         *general,
         *own_first,
         *(fault_options if has_sim else ()),
-        *(carried_options if plugin.sim_load is not None else ()),
+        *(carried_options if plugin.sim_load or plugin.sim_put else ()),
     ]
 
 
@@ -186,6 +190,22 @@ def launch_of(plugin: DevicePlugin, given: Mapping[str, Any]) -> Launch:
     return Launch(plugin, config, config.node, sim, options, carried)
 
 
+def described(plugin: DevicePlugin, given: Mapping[str, Any]) -> tuple[Device, NodeConfig]:
+    """Return the device that the options describe, not open, and what its node is to serve.
+
+    Where they say nothing at all of the device, it is a typical one.
+
+    Raises:
+        ConfigError: with every mistake in it.
+    """
+    launch = launch_of(plugin, given)
+    config: DeviceConfig = launch.config
+    assigned = [each for each in given["assignments"] if not each.startswith("node.")]
+    if not (given_settings(plugin.config, given).values or given["config"] or assigned):
+        config = load(plugin.config, from_values(plugin.typical))
+    return plugin.make(config), launch.node
+
+
 def _carried(sim: bool, given: Mapping[str, Any]) -> CarriedEntry | None:
     assignments: Sequence[str] = given.get("sim_carried", ())
     if not assignments:
@@ -193,7 +213,8 @@ def _carried(sim: bool, given: Mapping[str, Any]) -> CarriedEntry | None:
     if not sim:
         raise _for_simulator("--sim-carried")
     found = load(CarriedEntry, from_assignments(CarriedEntry, assignments, "--sim-carried"))
-    checked_namespace(found.on)
+    for namespace in found.carriers:
+        checked_namespace(namespace)
     return found
 
 

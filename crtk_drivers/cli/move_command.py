@@ -78,15 +78,19 @@ def move(
 
 
 def _go(device: RemoteDevice, goal: Goal) -> None:
-    with held_when_interrupted(device), ERR.status(f"{goal.command} ...") as shown:
+    # Within: of a terminal that is gone the end of what is shown fails, and the hold comes before that.
+    with ERR.status(f"{goal.command} ...") as shown, held_when_interrupted(device) as heed:
         began = time.monotonic()
         handle: Move = getattr(device, goal.command)(goal.value)
         while not handle.wait(LOOK_PERIOD):
+            heed()
             passed = time.monotonic() - began
             if passed > START_TIMEOUT and not handle.wait(0.0, is_busy=True):
+                device.hold()  # else what comes late after all moves it, and nobody looks
                 raise MotionAborted(
                     f"{goal.command} was sent {passed:.0f} s ago, and the device was never busy",
                     where=device.namespace,
+                    remedy="It was told to hold. Is it ENABLED, and does it accept this command?",
                 )
             shown.update(f"{goal.command}  {passed:.1f} s  {plain(goal.to_go())}")
     OUT.print(f"[green]reached[/] in {time.monotonic() - began:.1f} s")
@@ -172,6 +176,8 @@ def _by_name(
 
 
 def _is_part(device: RemoteDevice, name: str) -> bool:
+    if name in device.manifest.get("children", ()):
+        return True  # though its topics may not have been found yet
     try:
         device.child(name, timeout=LOOK_PERIOD)
     except CrtkError:

@@ -48,6 +48,9 @@ OWN_COMMANDS: Final[Mapping[str, OwnCommand]] = MappingProxyType(
             ("state", _CLIENT, "client_commands",
              "Show how a device is, why, and where it stands; without NAMESPACE, which devices "
              "there are."),
+            ("view", _CLIENT, "view_command",
+             "Show devices of any maker while they run: arms in 3-D, values over time, states, "
+             "health, refusals."),
             ("enable", _CLIENT, "client_commands",
              "Power a device up, so that it accepts motion commands."),
             ("disable", _CLIENT, "client_commands", "Power a device down."),
@@ -67,16 +70,38 @@ OWN_COMMANDS: Final[Mapping[str, OwnCommand]] = MappingProxyType(
             ("call", _CLIENT, "client_commands",
              "Call a service of a device, print its answer as YAML, and end with 1 if that is a "
              "refusal."),
+            ("record", _CLIENT, "record_command",
+             "Record what devices of any maker tell and are told on ROS 2, until Ctrl-C."),
+            ("replay", _CLIENT, "replay_command",
+             "Publish what a device told once more, or let an arm go the way of its joints again."),
             ("bench", _TOOLS, "bench_command",
              "Test the devices of a lab, and keep verdicts, figures and recordings."),
             ("conform", _CLIENT, "conform_command",
              "Judge a device, of any maker, by the clauses of CRTK. Without --may-move it only "
              "listens and asks."),
+            ("plot", _TOOLS, "tape_commands",
+             "Draw a recording: a page (HTML, one file, no script) and a picture (PNG, by the extra "
+             "`plot`)."),
+            ("convert", _TOOLS, "tape_commands",
+             "Write a recording as tables, a file a topic: times and stamps in ns, and what the "
+             "message says."),
+            ("calibrate", _CLIENT, "calibrate_command",
+             "Find where the tip of a pointer, a model, a tracker or its marker is, from what devices "
+             "measure."),
+            ("igtl", _CLIENT, "igtl_command",
+             "Let 3D Slicer, or another program that speaks OpenIGTLink, see and command devices, "
+             "until Ctrl-C."),
+            ("teleop", _CLIENT, "teleop_command",
+             "Let one device lead another one, by pedals, as the table [teleop] of a lab file says, "
+             "until Ctrl-C."),
             ("check", _TOOLS, "check_command",
              "Check that a device, or its simulator, is ready to run."),
             ("lab", _TOOLS, "up_command", "Write a lab file to start from, or check one."),
             ("policy", _TOOLS, "policy_command",
              "Print who may command a device, and who may listen, as an SROS2 policy."),
+            ("moveit", _TOOLS, "moveit_command",
+             "Print the file that tells MoveIt of a device's actions: of "
+             "moveit_simple_controller_manager."),
             ("sim", _TOOLS, "sim_command", "Run a simulator alone, for any client."),
         )
     }

@@ -8,11 +8,10 @@ from typing import Any
 import typer
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.launch import launch_of, launch_options
+from crtk_drivers.cli.launch import described, launch_options
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import plain
-from crtk_drivers.cli.typed_options import given_settings, make_command, namespace_option
-from crtk_drivers.config import DeviceConfig, from_values, load
+from crtk_drivers.cli.typed_options import make_command, namespace_option
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros.names import checked_namespace
 from crtk_drivers.ros.policy import policy
@@ -43,11 +42,8 @@ def policy_of(plugin: DevicePlugin, given: Mapping[str, Any]) -> str:
         ConfigError: the namespace or the configuration cannot be used.
     """
     namespace = checked_namespace(given["ns"])
-    config: DeviceConfig = launch_of(plugin, given).config
-    own = given_settings(plugin.config, given).values
-    if not (own or given["config"] or given["assignments"]):
-        config = load(plugin.config, from_values(plugin.typical))
-    return policy(plugin.make(config), namespace)
+    device, node = described(plugin, given)
+    return policy(device, namespace, node)
 
 
 class PolicyGroup(PluginGroup):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
@@ -12,8 +13,9 @@ import typer
 
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.terminal import ERR, plain
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, CrtkError
 from crtk_drivers.ros import environment
+from crtk_drivers.status.stop_request import INTERRUPTED, StopRequest
 
 if TYPE_CHECKING:
     from crtk_drivers.client import RemoteDevice
@@ -31,10 +33,13 @@ Timeout = Annotated[
 FIND_TIMEOUT = 5.0
 """Seconds in which a device that runs is found: three when DDS loses the first exchange, and some more."""
 
-INTERRUPTED = 130
-"""The exit code after Ctrl-C, as of any program that a signal ends."""
 STOP_TIMEOUT = 5.0
 """Seconds to wait after `hold` for the device to stand."""
+STILL = 2e-3
+"""rad or m by which what stands seems to move in `STILL_TIME`."""
+STILL_TIME = 0.1
+"""Seconds in which it is seen to stay where it is."""
+LOOK_PERIOD = 0.01
 
 
 class Interrupted(BaseException):
@@ -87,12 +92,18 @@ def need(device: RemoteDevice, name: str) -> None:
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Let SIGINT, SIGTERM and SIGHUP raise `Interrupted` within; after the first they are ignored."""
+def interruptible() -> Iterator[StopRequest]:
+    """Let SIGINT, SIGTERM and SIGHUP raise `Interrupted` within; after the first they are ignored.
+
+    The request that it gives is set, too, and a loop looks at it: the exception is lost where it is raised in
+    Python code that a library calls from C, as rclpy does to make a message, or the collector of garbage.
+    """
+    asked = StopRequest()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         for each in before:
             signal.signal(each, signal.SIG_IGN)
+        asked.set()
         raise Interrupted
 
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -100,25 +111,66 @@ def interruptible() -> Iterator[None]:
     try:
         for number in numbers:
             signal.signal(number, interrupt)
-        yield
+        yield asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
 @contextmanager
-def held_when_interrupted(device: RemoteDevice) -> Iterator[None]:
+def held_when_interrupted(device: RemoteDevice) -> Iterator[Callable[[], None]]:
     """Hold the device at Ctrl-C, SIGTERM or SIGHUP, and end this program.
 
-    The topic `hold` is set up beforehand: nothing has to be found when it is needed.
+    A loop calls what it gives, which raises what was lost: see `interruptible`. The topics are set up
+    beforehand: nothing has to be found when it is needed.
     """
-    need(device, "hold")
-    with interruptible():
+    for name in ("hold", *filter(None, (_place_of(device),))):
+        need(device, name)
+    with interruptible() as asked:
+
+        def heed() -> None:
+            if asked.is_set():
+                raise Interrupted
+
         try:
-            yield
+            yield heed
         except Interrupted:
             device.hold()
-            stands = device.wait_for_busy(False, STOP_TIMEOUT)
+            stands = is_seen_to_stand(device, STOP_TIMEOUT)
             how = "and stands" if stands else f"and was not seen to stand in {STOP_TIMEOUT:g} s"
             ERR.print(f"[yellow]interrupted:[/] {plain(device.namespace)} was told to hold, {how}")
             raise typer.Exit(INTERRUPTED) from None
+
+
+def is_seen_to_stand(device: RemoteDevice, timeout: float) -> bool:
+    """Return whether a device that was told to hold is not busy, and tells anew that it stays where it is.
+
+    Not to be busy says nothing of a stream: none makes a device busy. One that tells no place is believed.
+    """
+    deadline = time.monotonic() + timeout
+    if not device.wait_for_busy(False, timeout):
+        return False
+    name = _place_of(device)
+    if not name:
+        return True
+    rest: list[float] = []
+    since = first = 0.0
+    while time.monotonic() < deadline:
+        try:
+            value, stamp = getattr(device, name)(extra=True)
+        except CrtkError:
+            return False
+        place, now = [*value.position, *getattr(value, "orientation", ())], time.monotonic()
+        pairs = list(zip(place, rest, strict=False))
+        if not pairs or not all(abs(one - other) <= STILL for one, other in pairs):
+            rest, since, first = place, now, stamp
+        elif now - since >= STILL_TIME and stamp != first:
+            return True
+        time.sleep(LOOK_PERIOD)
+    return False
+
+
+def _place_of(device: RemoteDevice) -> str:
+    """Return the CRTK name by which a device tells where it is; empty if it does not."""
+    told = device.crtk_commands
+    return next((name for name in ("measured_js", "measured_cp") if name in told), "")

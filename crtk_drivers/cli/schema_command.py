@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from typing import Annotated, Any, Final
 
 import typer
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.config_reference import device_tables
+from crtk_drivers.cli.config_reference import device_tables, table_of
 from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import with_node
+from crtk_drivers.labs.lab_file import LabSettings
 
 app = typer.Typer()
+
+LAB: Final = "lab"
+"""What is asked for instead of a device, for the schema of a lab file."""
 
 
 @app.command("schema", cls=HelpfulCommand)
 def _schema(
-    name: Annotated[str, typer.Argument(help="Of the device.")],
+    name: Annotated[str, typer.Argument(help="Of the device; lab: of a lab file.")],
     markdown: Annotated[bool, typer.Option("--markdown", help="As tables for people.")] = False,
 ) -> None:
     """Print the JSON schema of a device's configuration."""
@@ -31,11 +35,16 @@ def print_schema(name: str, markdown: bool) -> None:
     Raises:
         PluginError, MissingExtra: see `crtk_drivers.plugins.device`.
     """
-    plugin = plugins.device(name)
+    model: Any
+    if name == LAB:
+        tables, model = table_of(LabSettings), LabSettings
+    else:
+        plugin = plugins.device(name)
+        tables, model = device_tables(plugin), with_node(plugin.config)
     if markdown:
-        typer.echo(device_tables(plugin), nl=False)
+        typer.echo(tables, nl=False)
         return
-    text = json.dumps(with_node(plugin.config).model_json_schema(), indent=2, ensure_ascii=False)
+    text = json.dumps(model.model_json_schema(), indent=2, ensure_ascii=False)
     if OUT.is_terminal:
         OUT.print_json(text)
     else:

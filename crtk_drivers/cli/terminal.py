@@ -3,15 +3,47 @@
 from __future__ import annotations
 
 import os
+from typing import IO
 
 from rich.console import Console
 from rich.markup import escape
 from rich.text import Text
+from typing_extensions import override
 
+from crtk_drivers.cli.unhindered import Unhindered
 from crtk_drivers.errors import CrtkError
 
+
+class Told(Console):
+    """What is told of the run. Whoever reads it may be held up, or go: who tells goes on.
+
+    When he has gone nothing more is said; Rich would end the thread.
+    """
+
+    _unhindered: Unhindered | None = None
+
+    @property  # type: ignore[explicit-override]  # it is not seen where there is a setter, too
+    @override
+    def file(self) -> IO[str]:
+        """Where it goes."""
+        stream = super().file
+        if self._unhindered is None or self._unhindered.stream is not stream:
+            if self._unhindered is not None:
+                self._unhindered.close()
+            self._unhindered = Unhindered(stream)
+        return self._unhindered  # type: ignore[return-value]  # as far as Rich needs it
+
+    @file.setter
+    def file(self, stream: IO[str]) -> None:
+        self._file = stream
+
+    @override
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+
+
 OUT = Console(highlight=False, emoji=False)
-ERR = Console(stderr=True, highlight=False, emoji=False)
+ERR = Told(stderr=True, highlight=False, emoji=False)
 
 
 def print_error(error: CrtkError) -> None:

@@ -151,12 +151,14 @@ def bring_up(
         folder,
     )
     with stop_signals() as stop, _shown(supervisor) as show:
-        while not stop.is_set() and not supervisor.is_over:
-            supervisor.step()
-            show()
-            time.sleep(LOOK_PERIOD)
-        failed = any(map(_has_failed, supervisor.children))
-        ended_well = supervisor.stop(show)
+        try:
+            while not stop.is_set() and not supervisor.is_over:
+                supervisor.step()
+                show()
+                time.sleep(LOOK_PERIOD)
+            failed = any(map(_has_failed, supervisor.children))
+        finally:
+            ended_well = supervisor.stop(show)
     return 0 if ended_well and not failed else 1
 
 
@@ -201,7 +203,11 @@ class _Shown:
         if self._live is not None:
             if time.monotonic() >= self._due:
                 self._due = time.monotonic() + LIVE_PERIOD
-                self._live.update(table_of(self._supervisor), refresh=True)
+                try:
+                    self._live.update(table_of(self._supervisor), refresh=True)
+                except OSError as error:  # what was started is stopped in its order all the same
+                    logger.error("the terminal is gone: %s", error.strerror)
+                    self._live = None
             return
         for child in self._supervisor.devices.values():
             if child.report is None:

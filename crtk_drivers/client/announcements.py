@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from crtk_drivers.client.goals import Arrival
 from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, DataTimeout, Reason
 from crtk_drivers.state import Status
@@ -228,7 +229,7 @@ class StatusTracker:
                 remedy=content["remedy"],
                 stamp_ns=stamp["sec"] * 1_000_000_000 + stamp["nanosec"],
             )
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             logger.warning("%s: a refusal that cannot be read: %s", self._where, error)
             return None
 
@@ -266,6 +267,11 @@ class StatusTracker:
     def latest(self) -> Status:
         """The status heard last; DISABLED before there was one."""
         return self._latest or Status()
+
+    @property
+    def has_started(self) -> bool:
+        """Whether a status was heard, and refusals are."""
+        return self._started
 
     @property
     def has_status(self) -> bool:
@@ -314,7 +320,12 @@ class StatusTracker:
     def _refused_lately(self, name: str) -> bool:
         return time.monotonic() - self._refused_at.get(name, -RECENT) < RECENT
 
-    def follow(self, name: str, stamp_ns: int, at_goal: Callable[[], bool | None]) -> RemoteMove:
+    def follow(
+        self,
+        name: str,
+        stamp_ns: int,
+        arrival: Arrival,
+    ) -> RemoteMove:
         """Return the handle of a move that is about to be sent; it is told what arrives from now on.
 
         Args: see `RemoteMove`.
@@ -324,20 +335,27 @@ class StatusTracker:
             stamp_ns=stamp_ns,
             was_busy=self.latest.is_busy,
             refused_before=self._refused_lately(name),
-            at_goal=at_goal,
+            at_goal=arrival.at_goal,
             lost=self.lost,
+            told_at=arrival.told_at,
         )
         with self._lock:
             self._moves = [other for other in self._moves if not other.has_ended] + [move]
         return move
 
-    def replace(self, name: str, but: RemoteMove | None = None) -> None:
-        """`name` has taken the place of every move but one."""
+    @property
+    def newest(self) -> RemoteMove | None:
+        """The move that was begun last and has not ended."""
+        with self._lock:
+            return next((move for move in reversed(self._moves) if not move.has_ended), None)
+
+    def replace(self, name: str, *but: RemoteMove | None) -> None:
+        """`name` has taken the place of every move but some."""
         with self._lock:
             for move in self._moves:
-                if move is not but:
+                if move not in but:
                     move.replaced(name)
-            self._moves = [move for move in self._moves if move is but]
+            self._moves = [move for move in self._moves if move in but]
 
     def sending(self, name: str) -> None:
         """A command without an answer is about to be sent.

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from crtk_drivers.commands import COMMANDS, Command, Direction, find
 from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.ros.manifest import MANIFEST
 
 if TYPE_CHECKING:
     from crtk_drivers.client.inbox import Inbox, Received
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-MANIFEST = "crtk_capabilities"
 SETTLE = 1.0
 """Seconds without anything new in a namespace after which it counts as complete."""
 POLL = 0.02
@@ -164,9 +164,10 @@ class Catalogue:
             seen = set(self._seen())
             if seen != known:
                 known, settled = seen, now
-            # Services are found by another way than topics, and may be seen long before these.
-            has_topics = any(find(name).direction is not Direction.SERVICE for name in known)
-            if has_topics and not self._inboxes and now - settled > SETTLE:
+            # Who serves, who listens and who publishes are found by different ways, one maybe long before
+            # another; a manifest is published.
+            publishes = any(find(name).direction is Direction.PUBLISHED for name in known)
+            if publishes and not self._inboxes and now - settled > SETTLE:
                 return
             if now >= deadline:
                 break

@@ -61,7 +61,7 @@ class Received:
 
     `data` are its bytes, `kind` is its ROS class. `wall_ns` is its stamp, 0 for what is not valid. `since` is
     when (monotonic, s) the first message with this stamp arrived: the age of a value that is sent again and
-    again grows, whatever the clocks say.
+    again grows, whatever the clocks say. `arrived` is when this one did.
     """
 
     data: bytes
@@ -69,6 +69,7 @@ class Received:
     wall_ns: int
     since: float
     serial: int
+    arrived: float
 
     @cached_property
     def value(self) -> Value:
@@ -124,6 +125,7 @@ class Inbox:
     Args:
         topic: full name.
         kind: ROS class of its messages.
+        latched: whether what was said before a subscription arrives with it.
 
     Attributes:
         unreadable: how many messages could not be read.
@@ -132,9 +134,10 @@ class Inbox:
 
     was_connected = False
 
-    def __init__(self, topic: str, kind: Any) -> None:
+    def __init__(self, topic: str, kind: Any, latched: bool = False) -> None:
         self.topic = topic
         self.kind = kind
+        self.latched = latched
         self.latest: Received | None = None
         self.subscription: Any = None
         self.unreadable = 0
@@ -147,9 +150,19 @@ class Inbox:
         self._listeners: tuple[Callable[[Received], None], ...] = ()
 
     def add_listener(self, listener: Callable[[Received], None]) -> None:
-        """Call `listener` with each message, from the thread that spins."""
-        with self._arrived:
-            self._listeners = (*self._listeners, listener)
+        """Call `listener` with each message, from the thread that spins.
+
+        What is latched and arrived before is told here and now: the newest, and never after a newer one.
+        """
+        told = None
+        while True:
+            with self._arrived:
+                said = self.latest if self.latched else None
+                if said is None or said is told:
+                    self._listeners = (*self._listeners, listener)
+                    return
+            self._tell((listener,), said)
+            told = said
 
     def remove_listener(self, listener: Callable[[Received], None]) -> None:
         """Call `listener` no more."""
@@ -168,12 +181,16 @@ class Inbox:
             last = self.latest
             serial = 1 if last is None else last.serial + 1
             since = last.since if last is not None and wall_ns == last.wall_ns else now
-            self.latest = received = Received(data, self.kind, wall_ns, since, serial)
+            self.latest = received = Received(data, self.kind, wall_ns, since, serial, now)
             self.problem = ""
+            listeners = self._listeners
             self._arrived.notify_all()
-        _in_callback.active = True
+        self._tell(listeners, received)
+
+    def _tell(self, listeners: tuple[Callable[[Received], None], ...], received: Received) -> None:
+        within, _in_callback.active = _in_callback.active, True
         try:
-            for listener in self._listeners:
+            for listener in listeners:
                 try:
                     listener(received)
                 except Unreadable as error:
@@ -181,7 +198,7 @@ class Inbox:
                 except Exception:
                     logger.exception("a callback for %s failed", self.topic)
         finally:
-            _in_callback.active = False
+            _in_callback.active = within
 
     def _pass_over(self, error: ValueError, received: Received | None = None) -> None:
         if received is None or received is not self._passed_over:
@@ -223,4 +240,9 @@ class Inbox:
     @property
     def connected(self) -> bool:
         """Whether somebody publishes."""
-        return bool(self.subscription.get_publisher_count())
+        return bool(self.publishers)
+
+    @property
+    def publishers(self) -> int:
+        """How many publish."""
+        return int(self.subscription.get_publisher_count())

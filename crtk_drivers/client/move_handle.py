@@ -2,11 +2,14 @@
 
 CRTK gives a move no identity: there are ``is_busy``, ``refusals``, with the stamp of what they refuse, and
 the setpoint to tell its fate from. Busy must have been seen, and be over; the state must still be ENABLED;
-and where the goal is known and the device tells its setpoint, that must have arrived at the goal.
+and where the goal is known, or the device tells that of a relative move, and the device tells its setpoint,
+that must have arrived at the goal. Each comes on a topic of its own: the end of busy may be heard before the
+setpoint, or the goal, that tells of a stop on the way.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -23,12 +26,16 @@ ACCEPT_TIME = 0.03
 """Seconds that busy must last, or be on already, without a refusal, to count as accepted."""
 REPEATED_ACCEPT_TIME = 0.7
 """The same after a refusal: a driver may thin busy pulses out, and end one with its next heartbeat."""
+PULSE_TIME = 0.1
+"""Seconds in which busy rises and falls for a move that is refused; not to be taken for the next one's."""
 REFUSAL_TIME = 0.3
 """Seconds after a busy pulse in which the refusal that may be its cause arrives."""
 REPEATED_REFUSAL_TIME = 3.0
 """The same if a refusal of the same command was told a moment ago: the next one is held back for 2 s."""
 SETTLE_TIME = 0.5
 """Seconds after busy in which the setpoint must be at the goal."""
+UNTOLD = 5.0
+"""Seconds after busy after which it is judged by what was told before that: no setpoint is told any more."""
 START_TIMEOUT = 10.0
 """Seconds after which a move that never showed as busy is given up, unless `wait` has a timeout."""
 LOOK_PERIOD = 0.05
@@ -42,7 +49,9 @@ class RemoteMove(Move):
         stamp_ns: that it was sent with, by which its refusal is known; 0 if it had none.
         was_busy: the device was moving already when it was sent.
         refused_before: the same command was refused within the last seconds.
-        at_goal: whether the setpoint is at the goal; None: that cannot be told.
+        at_goal: whether the setpoint is at the goal; None: that is not known.
+        told_at: when (monotonic, s) that setpoint arrived: one that is still to come may tell otherwise.
+            Infinity where none will ever tell.
         lost: why nothing more will be heard of it; empty if all is well.
     """
 
@@ -55,13 +64,16 @@ class RemoteMove(Move):
         refused_before: bool,
         at_goal: Callable[[], bool | None],
         lost: Callable[[], str],
+        told_at: Callable[[], float] = lambda: math.inf,
     ) -> None:
         super().__init__(name)
         self.stamp_ns = stamp_ns
         self._changed = threading.Condition()
         self._at_goal = at_goal
+        self._told_at = told_at
         self._lost = lost
         self._sent = time.monotonic()
+        self._was_busy = was_busy
         self._busy_since = self._sent if was_busy else None
         self._idle_since: float | None = None
         self._state: OperatingState | None = None
@@ -90,8 +102,8 @@ class RemoteMove(Move):
         """It was not accepted."""
         with self._changed:
             self.refusal = refusal
-            self.finish(Outcome.ABORTED, str(refusal))
             self._changed.notify_all()
+        self.finish(Outcome.ABORTED, str(refusal))  # which tells others, who may look at it
 
     def replaced(self, name: str) -> None:
         """Another command of this client took its place."""
@@ -120,6 +132,8 @@ class RemoteMove(Move):
                 self._changed.wait(left)
             self.accepted = True
             if self.refusal is not None:
+                if not self._was_busy:
+                    self._changed.wait_for(lambda: self._idle_since is not None, PULSE_TIME)
                 raise self.refusal
 
     def _unconfirmed(self, now: float) -> float:
@@ -137,7 +151,7 @@ class RemoteMove(Move):
         return self._idle_since + self._refusal_time - now
 
     def _judge(self) -> None:
-        if self._ended.is_set():
+        if self._ended.is_set() or self.refusal is not None:
             return
         now = time.monotonic()
         idle = 0.0 if self._idle_since is None else now - self._idle_since
@@ -151,9 +165,12 @@ class RemoteMove(Move):
         if self._idle_since is None:
             return
         arrived = self._at_goal()
-        if arrived is False and idle > SETTLE_TIME:
+        is_told = self._told_at() - self._idle_since > SETTLE_TIME or idle > UNTOLD
+        if arrived is False and idle > SETTLE_TIME and is_told:
             self.finish(Outcome.ABORTED, "it stopped away from its goal")
-        elif arrived or (arrived is None and (self._was_long or idle > self._refusal_time)):
+        elif arrived or (
+            arrived is None and is_told and (self._was_long or idle > self._refusal_time)
+        ):
             self.finish(Outcome.REACHED)
 
     @property

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from typing_extensions import override
 
-from crtk_drivers.client.goals import goal_test
+from crtk_drivers.client.goals import ToldGoals, arrival_of
 from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.client.space import NotOffered, Space
 from crtk_drivers.client.state_commands import Transition
@@ -32,7 +32,7 @@ from crtk_drivers.front.payloads import value_for
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
 from crtk_drivers.samples import Value
-from crtk_drivers.state import Status, parse_command, target_of
+from crtk_drivers.state import STOPS, Status, parse_command, target_of
 
 if TYPE_CHECKING:
     from crtk_drivers.client.announcements import StatusTracker
@@ -88,7 +88,7 @@ class RemoteDevice(DeviceFront):
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         try:
             if name in CHILDREN:
-                return self.child(name, timeout=0.0)
+                return self.child(name, timeout=None if self._space.tells_of(name) else 0.0)
             if name not in PARTS and not self._is_name(name):
                 raise NotOffered(f"{type(self).__name__} has no attribute {name!r}")
             method = self._make(name)
@@ -202,8 +202,9 @@ class RemoteDevice(DeviceFront):
     def on(self, name: str, callback: Callable[[Value, float], Any]) -> Callable[[], None]:
         """Call `callback(value, stamp)` for each value of a feedback; return what ends that.
 
-        The stamp is in seconds, 0 for a value that is not valid. Called from the thread that spins: it must
-        return soon, and cannot wait for other feedback.
+        The stamp is in seconds, 0 for a value that is not valid. Called from the thread that spins, and once
+        from here with what is latched and has come before: it must return soon, and cannot wait for other
+        feedback.
         """
         inbox: Inbox = self._space.connected(name)
 
@@ -263,10 +264,9 @@ class RemoteDevice(DeviceFront):
         outbox: Outbox = self._space.connected(name)
         if command.level is Level.MOVE:
             return self._mover(name, command, outbox)
-        try:
-            tracker = self._space.status()
-        except NotOffered:
-            tracker = None  # nobody will say whether it was accepted
+        if name == "hold":
+            return self._holder(command, outbox)
+        tracker = self._tracker()
         if not command.is_motion:
             return self._plain_sender(command, outbox, tracker)
 
@@ -277,6 +277,26 @@ class RemoteDevice(DeviceFront):
 
         return stream
 
+    def sender(self, name: str) -> Callable[[Any], None]:
+        """Return what sends a command at once and waits for no answer: refusals come by `on_refusal`.
+
+        It takes the value of the command, and None for `hold` and `free`; it raises ConnectionLost when
+        nobody listens. For loops that must go on, whatever the device says.
+
+        Raises:
+            ConnectionFailed: nobody listens to it in time.
+        """
+        outbox: Outbox = self._space.connected(name)
+        command = self._command(name)
+
+        def send(value: Any) -> None:
+            if command.payload is Payload.EMPTY:
+                outbox.send(None)
+            else:
+                self._send(outbox, command, value)
+
+        return send
+
     def _send(self, outbox: Outbox, command: Command, value: Any, stamp: int = 0) -> Value | None:
         """Send a value and return it; None if it was a ready message."""
         if outbox.accepts(value):
@@ -285,6 +305,26 @@ class RemoteDevice(DeviceFront):
         payload = value_for(command, value, self.namespace)
         outbox.send(payload, getattr(payload, "frame_id", ""), stamp)
         return payload
+
+    def _tracker(self) -> StatusTracker | None:
+        try:
+            return self._space.status()
+        except NotOffered:
+            return None  # nobody will say whether a command was accepted
+
+    def _holder(self, command: Command, outbox: Outbox) -> Callable[[], None]:
+        """Return what sends `hold`: before the state is first waited for, and again when it is heard."""
+        sender: Callable[[], None] | None = None
+
+        def hold() -> None:
+            nonlocal sender
+            if sender is None:
+                if not self._space.hears_status:
+                    outbox.send(None)
+                sender = self._plain_sender(command, outbox, self._tracker())
+            sender()
+
+        return hold
 
     def _plain_sender(
         self, command: Command, outbox: Outbox, tracker: StatusTracker | None
@@ -306,28 +346,55 @@ class RemoteDevice(DeviceFront):
             return lambda: carry_out(lambda: outbox.send(None))
         return lambda value: carry_out(lambda: self._send(outbox, command, value))
 
-    def _mover(self, name: str, command: Command, outbox: Outbox) -> Callable[[Any], RemoteMove]:
-        space, tracker = self._space, self._space.status()
-        setpoint = None
-        source = "setpoint_js" if command.payload is Payload.JOINT_STATE else "setpoint_cp"
-        if not command.is_relative and source in space.features():
-            setpoint = space.connected(source)
+    def starter(self, name: str) -> Callable[[Any], RemoteMove]:
+        """Return what begins a move at once and waits for no answer: what is refused ends its handle.
+
+        For programs that must go on reading: the next thing that they are told may be `hold`.
+
+        Raises:
+            ConnectionFailed: nobody listens to it in time.
+        """
+        return self._mover(name, self._command(name), self._space.connected(name), waits=False)
+
+    def _mover(
+        self, name: str, command: Command, outbox: Outbox, *, waits: bool = True
+    ) -> Callable[[Any], RemoteMove]:
+        tracker = self._space.status()
+        setpoint, told = self._aims(command)
 
         def move(goal: Any) -> RemoteMove:
             ready = outbox.accepts(goal)
             value = None if ready else value_for(command, goal, self.namespace)
             stamp = outbox.stamp(goal)
-            handle = tracker.follow(name, stamp, goal_test(setpoint, value))
+            arrival = arrival_of(command, setpoint, value, told, stamp)
+            before = None if waits else tracker.newest  # which goes on where this one is refused
+            handle = tracker.follow(name, stamp, arrival)
             try:
                 self._send(outbox, command, goal if ready else value, stamp)
-                handle.confirm()
+                if waits:
+                    handle.confirm()
             except BaseException as error:
                 handle.replaced(type(error).__name__)
                 raise
-            tracker.replace(name, but=handle)
+            tracker.replace(name, handle, before)
             return handle
 
         return move
+
+    def _aims(self, command: Command) -> tuple[Inbox | None, ToldGoals | None]:
+        """Return the setpoint that a move leads to its goal, and, if it is relative, the goals that are told.
+
+        Relative moves in a frame of their own are in a sub-namespace, which has no goals.
+        """
+        kind = "js" if command.payload is Payload.JOINT_STATE else "cp"
+        names = [f"{what}_{kind}" for what in ("setpoint", "goal")[: 1 + command.is_relative]]
+        space: Space | None = self._space
+        while space is not None and not set(names) <= space.features().keys():
+            space = space.parent if command.is_relative else None
+        if space is None:
+            return None, None
+        setpoint, *goals = (space.connected(each) for each in names)
+        return setpoint, ToldGoals(goals[0]) if goals else None
 
     @override
     def _query(self, name: str, command: Command) -> Callable[..., Any]:
@@ -371,14 +438,21 @@ class RemoteDevice(DeviceFront):
         if space.parent is not None and "state_command" not in space.features():
             space = space.parent
         try:
-            outbox, tracker = space.connected("state_command"), space.status()
+            outbox = space.connected("state_command")
+            heard = space.tracker
+            known = heard.latest.state if heard is not None and heard.has_status else None
+            if wanted in STOPS:  # at once, whatever is heard of the device, and again below
+                outbox.send(str(wanted.value))
+            tracker = space.status()
         except NotOffered as error:
             raise ConnectionFailed(str(error)) from None
-        tracker.refresh(SERVICE_TIMEOUT)
+        tracker.refresh(SERVICE_TIMEOUT if timeout > 0.0 else GRACE)
         before = self.operating_state()
         watch = tracker.watch()  # from here on: what was still on its way is no answer
         try:
             target = target_of(before.state, wanted)
+            if wanted in STOPS and before.state is target is not known:
+                return  # it has stopped since: one that tells changes only would tell no more
             stamp = time.time_ns()
             outbox.send(str(wanted.value), stamp=stamp)
             if timeout > 0.0:

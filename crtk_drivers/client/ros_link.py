@@ -8,6 +8,7 @@ from __future__ import annotations
 import atexit
 import itertools
 import logging
+import math
 import os
 import threading
 import time
@@ -19,7 +20,7 @@ from crtk_msgs.srv import TriggerOperatingState
 from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Empty, String
@@ -47,6 +48,9 @@ GRAPH_PERIOD = 0.005
 
 _numbers = itertools.count(1)
 
+
+AGAIN = 0.5
+"""Seconds after which a question without an answer is asked again, then twice as many."""
 
 UNSPUN = 0.5
 """Seconds after which an executor is taken for one that nobody spins."""
@@ -126,10 +130,20 @@ class Caller:
             ConnectionFailed: nobody serves it.
             DataTimeout: no answer in `timeout` s.
         """
+        return self._ask(self._filled(fields), timeout)
+
+    def query(self, timeout: float, **fields: Any) -> Any:
+        """Return the answer to a request that changes nothing, as `call`; it is asked again where none comes.
+
+        The first answer to a client that the other side has not found yet is lost.
+        """
+        return self._ask(self._filled(fields), timeout, AGAIN)
+
+    def _filled(self, fields: Mapping[str, Any]) -> Any:
         request: Any = self._type.Request()  # type: ignore[attr-defined]
         for name, value in fields.items():
             setattr(request, name, value)
-        return self._ask(request, timeout)
+        return request
 
     def call_plain(self, timeout: float, fields: Mapping[str, Any]) -> Any:
         """Return the answer to a request with fields as plain data; see `call` and `fill_plain`."""
@@ -137,23 +151,32 @@ class Caller:
         fill_plain(request, fields)
         return self._ask(request, timeout)
 
-    def _ask(self, request: Any, timeout: float) -> Any:
+    def _ask(self, request: Any, timeout: float, again: float = math.inf) -> Any:
         may_wait(f"calling {self.topic}")
         deadline = time.monotonic() + timeout
         if not wait_connected([self], deadline):
             raise ConnectionFailed(
                 f"nobody serves {self.topic}", remedy="Is the driver running, in this ROS domain?"
             )
-        answered = threading.Event()
-        future = self._client.call_async(request)
-        future.add_done_callback(lambda _: answered.set())
-        if not answered.wait(max(0.0, deadline - time.monotonic())):
-            self._client.remove_pending_request(future)
+        answered, asked = threading.Event(), []
+        while True:
+            future = self._client.call_async(request)
+            future.add_done_callback(lambda _: answered.set())
+            asked.append(future)
+            left = max(0.0, deadline - time.monotonic())
+            if answered.wait(min(again, left)) or left <= again:
+                break
+            again *= 2.0
+        done = next((each for each in asked if each.done()), None)
+        for each in asked:
+            if each is not done:
+                self._client.remove_pending_request(each)
+        if done is None:
             raise DataTimeout(
                 f"{self.topic} did not answer in {timeout:g} s",
                 remedy="Give a longer timeout; if the node is your own, is it spun?",
             )
-        return future.result()
+        return done.result()
 
     def forward_kinematics(self, joints: Vector, timeout: float) -> Pose:
         """Return the pose of a joint position (n,).
@@ -161,7 +184,7 @@ class Caller:
         Raises:
             KinematicsError: the device answers that there is none, and why.
         """
-        answer = self.call(timeout, jp=joints.tolist())
+        answer = self.query(timeout, jp=joints.tolist())
         if not answer.result:
             raise KinematicsError(answer.message or "no reason given", where=self.topic)
         return pose_of(answer.cp)
@@ -174,16 +197,17 @@ class Caller:
         """
         wanted = TYPES[Payload.POSE]().pose
         set_pose(wanted, pose)
-        answer = self.call(timeout, cp=wanted, jp=reference.tolist())
+        answer = self.query(timeout, cp=wanted, jp=reference.tolist())
         if not answer.result:
             raise KinematicsError(answer.message or "no reason given", where=self.topic)
         return vector(answer.jp)
 
     def operating_state(self, timeout: float) -> Received:
         """Return the status that TriggerOperatingState answers with."""
-        message = self.call(timeout).operating_state
+        message = self.query(timeout).operating_state
         data, stamp = serialize_message(message), stamp_ns(message.header.stamp)
-        return Received(data, type(message), stamp, time.monotonic(), 0)
+        now = time.monotonic()
+        return Received(data, type(message), stamp, now, 0, now)
 
 
 Endpoint = Inbox | Outbox | Caller
@@ -318,17 +342,20 @@ class Link:
         Args:
             topic: full name.
             message_type: ROS class.
-            latched: ask for what was said before; None: if all that publish it now offer that.
+            latched: ask for what was said before; None: hear all that publish it now, as they offer it.
         """
         with self._lock:
             if topic not in self._inboxes:
                 if latched is None:
-                    latched = self.is_latched(topic)
-                box = self._inboxes[topic] = Inbox(topic, message_type)
-                profile = qos.REFUSALS if latched else qos.DATA
+                    profile = qos.as_offered(self._offered(topic), qos.DATA.depth)
+                else:
+                    profile = qos.REFUSALS if latched else qos.DATA
+                keeps = profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+                box = Inbox(topic, message_type, keeps)
                 box.subscription = self.node.create_subscription(
                     message_type, topic, box.receive, profile, raw=True
                 )
+                self._inboxes[topic] = box
             return self._inboxes[topic]
 
     def text_inbox(self, topic: str, latched: bool = True) -> Inbox:
@@ -383,6 +410,8 @@ class Link:
 
     def is_latched(self, topic: str) -> bool:
         """Whether all that publish a topic offer what was said before; False if nobody does."""
-        infos = self.node.get_publishers_info_by_topic(topic)
-        latched = DurabilityPolicy.TRANSIENT_LOCAL
-        return bool(infos) and all(info.qos_profile.durability is latched for info in infos)
+        profile = qos.as_offered(self._offered(topic), qos.DATA.depth)
+        return profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+
+    def _offered(self, topic: str) -> list[QoSProfile]:
+        return [each.qos_profile for each in self.node.get_publishers_info_by_topic(topic)]

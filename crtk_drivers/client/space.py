@@ -79,19 +79,31 @@ class Space:
             )
         return feature
 
+    def tells_of(self, name: str) -> bool:
+        """Whether the device tells that another one is behind it, in the sub-namespace `name`."""
+        return name in self.catalogue.manifest.get("children", ())
+
     def child(self, name: str, timeout: float) -> Space:
-        """Return a sub-namespace.
+        """Return a sub-namespace, known whole if the device tells of it.
 
         Raises:
             ConnectionFailed: there is nothing in it within `timeout` s.
+            CrtkError: to wait for it in a callback would be for ever.
         """
+        from crtk_drivers.client.inbox import may_wait
+
+        child = self._children.get(name)
+        if child is not None:
+            return child
+        child = Space(self.link, f"{self.catalogue.prefix}{name}", self.timeout, self)
+        # Its topics may be found a little later than those of the device, and one by one.
+        is_told = self.tells_of(name)
+        if not child.features() or (is_told and not child.catalogue.manifest):
+            if is_told:
+                may_wait(f"the first use of {name}")
+            child.catalogue.wait(timeout)  # without the lock: others command the device meanwhile
         with self._lock:
-            if name not in self._children:
-                child = Space(self.link, f"{self.catalogue.prefix}{name}", self.timeout, self)
-                if not child.features():
-                    child.catalogue.wait(timeout)
-                self._children[name] = child
-            return self._children[name]
+            return self._children.setdefault(name, child)
 
     # ------------------------------------------------------------------------------------ endpoints
 
@@ -242,15 +254,30 @@ class Space:
         Raises:
             NotOffered, ConnectionFailed, DataTimeout: there is none.
         """
+        teller = self.state_teller
+        if teller is not self:
+            return teller.status()
         if self.tracker is None:
-            if self.parent is not None and "operating_state" not in self.features():
-                return self.parent.status()
             with self._lock:
                 if self.tracker is None:
                     self.tracker = self._make_tracker()
         self.tracker.start(self.timeout)
         self.endpoints.setdefault("operating_state", self.tracker.inbox)
         return self.tracker
+
+    @property
+    def hears_status(self) -> bool:
+        """Whether `status` has nothing to wait for."""
+        tracker = self.state_teller.tracker
+        return tracker is not None and tracker.has_started
+
+    @property
+    def state_teller(self) -> Space:
+        """The one whose operating state it has: itself, or its parent."""
+        parent = self.parent
+        if self.tracker is not None or parent is None or "operating_state" in self.features():
+            return self
+        return parent.state_teller
 
     def _make_tracker(self) -> StatusTracker:
         from crtk_drivers.ros.messages import TYPES

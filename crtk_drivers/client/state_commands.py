@@ -3,15 +3,37 @@
 from __future__ import annotations
 
 import time
+from typing import Final
 
 from crtk_drivers.client.announcements import Watch
 from crtk_drivers.errors import CommandRefused, TransitionFailed
+from crtk_drivers.front.base import DeviceFront
 from crtk_drivers.state import OperatingState, StateCommand, Status, target_of
+
+LOOK_PERIOD: Final = 1.0
+"""Seconds between two looks whether a device that is busy is there still."""
 
 _HOMING = (StateCommand.HOME, StateCommand.UNHOME)
 _REMEDY = {
     OperatingState.FAULT: "Remove the cause, which is on /diagnostics, then send enable.",
 }
+
+
+def home_to_its_end(device: DeviceFront) -> None:
+    """Home a device, and wait for that as long as it is busy: it moves, and somebody is to look after it.
+
+    Raises:
+        CrtkError: as of `DeviceFront.state_command`.
+    """
+    try:
+        device.home()
+    except TransitionFailed:
+        if not device.is_busy():
+            raise
+        while device.is_busy():
+            device.wait_for_busy(False, LOOK_PERIOD)
+        if not device.is_homed():
+            raise
 
 
 class Transition:

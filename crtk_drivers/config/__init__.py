@@ -1,6 +1,7 @@
 """Configuration: typed tables, read from defaults, a file and the command line, later ones first."""
 
-from crtk_drivers.config.attached import AttachedConfig
+from crtk_drivers.config.attached import AttachedConfig, BehindConfig
+from crtk_drivers.config.axis_joint import AxisJoint
 from crtk_drivers.config.layers import (
     Layer,
     from_assignments,
@@ -29,7 +30,9 @@ from crtk_drivers.config.settings import (
 
 __all__ = [
     "AttachedConfig",
+    "AxisJoint",
     "BaseConfig",
+    "BehindConfig",
     "BoxConfig",
     "DeviceConfig",
     "DhRowConfig",

@@ -17,8 +17,8 @@ from typing import Any, Final
 import yaml
 from typing_extensions import override
 
+from crtk_drivers.config.capped_file import read_capped
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.kit.capped_file import read_capped
 
 MAX_SIZE: Final = 256 * 1024
 """Largest file that is read, in bytes."""

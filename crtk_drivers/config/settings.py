@@ -244,6 +244,50 @@ class KinematicsConfig(Settings):
         return self
 
 
+class RecordingConfig(Settings):
+    """What is recorded of a device, and where to."""
+
+    folder: str | None = Field(
+        default=None,
+        max_length=1000,
+        description="Folder of recordings that are not told where to go, and of the black box; none if "
+        "empty. If null, `crtk-driver` takes ~/.local/state/crtk-drivers/NAME, and plain Python none.",
+    )
+    folder_size: float = Field(
+        default=500.0,
+        gt=0.0,
+        le=1e7,
+        description="MB that recordings in the folder may take before the oldest black boxes are deleted.",
+    )
+    black_box: float = Field(
+        default=5.0,
+        ge=0.0,
+        le=600.0,
+        description="Seconds that the black box keeps; 0: there is none.",
+    )
+    topics: tuple[str, ...] = Field(
+        default=(),
+        description="CRTK names that are recorded of each sample; if empty measured_*, setpoint_js and "
+        "setpoint_cp.",
+    )
+    keep_free: float = Field(
+        default=200.0,
+        ge=0.0,
+        le=1e7,
+        description="MB of the disk that a recording leaves free; what does not fit is lost, counted and "
+        "told.",
+    )
+    split_size: float = Field(
+        default=0.0, ge=0.0, le=1e7, description="MB after which the next file begins; 0: never."
+    )
+    split_time: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=1e7,
+        description="Seconds after which the next file begins; 0: never.",
+    )
+
+
 class DeviceConfig(Settings):
     """The keys that every device has; a driver adds its own in a subclass."""
 
@@ -321,6 +365,9 @@ class DeviceConfig(Settings):
         default=8000, ge=0, le=65535, description="Port of that page at 127.0.0.1; 0: any free one."
     )
     limits: LimitsConfig = Field(default=LimitsConfig(), description="How commands are limited.")
+    recording: RecordingConfig = Field(
+        default=RecordingConfig(), description="What is recorded, and where to."
+    )
     base: BaseConfig | None = Field(
         default=None,
         description="Where the device's own base is in another frame, in which poses are then given.",
@@ -366,6 +413,21 @@ class NodeConfig(Settings):
     share_namespace: bool = Field(
         default=False,
         description="Serve commands also while another driver is in the namespace, which was there first.",
+    )
+    joint_states: bool = Field(
+        default=False,
+        description="Publish joint_states too: measured_js for programs that know all joints by name.",
+    )
+    moveit: bool = Field(
+        default=False,
+        description="Serve what MoveIt asks of an arm or a gripper: joint_states, the actions "
+        "follow_joint_trajectory and gripper_cmd, and what MoveIt Servo publishes. Needs the extra [moveit].",
+    )
+    joint_prefix: str = Field(
+        default="",
+        max_length=100,
+        pattern="^[A-Za-z0-9_/]*$",
+        description="Put before joint names in joint_states, robot_description and trajectories.",
     )
 
 

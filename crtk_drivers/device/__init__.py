@@ -24,7 +24,7 @@ from crtk_drivers.device.extras import (
     Severity,
     Steps,
 )
-from crtk_drivers.device.interface import Device
+from crtk_drivers.device.interface import Device, Sensor
 from crtk_drivers.device.values import FULL, Condition, Goal, MoveProgress, Ratios, Setpoint
 
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
     "Note",
     "Ratios",
     "Reading",
+    "Sensor",
     "Service",
     "Setpoint",
     "Severity",

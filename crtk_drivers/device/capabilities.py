@@ -154,6 +154,7 @@ class Capabilities:
         ValueError: they contradict each other; said by the constructor.
 
     Attributes:
+        type: what it is, for programs that choose by it: ``tracker``; empty: what its commands say.
         joints: names, in the order of every joint vector; empty for a device without joints.
         limits: one for each joint.
         modes: the low-level modes; the core derives the CRTK commands from them.
@@ -166,6 +167,8 @@ class Capabilities:
         has_gravity_compensation: `use_gravity_compensation` is implemented.
         needs_homing: the device says if it `is_homed`, and `home` and `unhome` change that; otherwise it
             always is.
+        enable_moves: `enable` or `resume` may set the hardware in motion: any stop ends them, and the
+            hardware is stopped then; so it is where they fail on their way.
         integrates_twists: twists are carried out as joint positions, though the joints take velocities: where
             the unit of these is too coarse for a straight way of the tool.
         stops_between_modes: the hardware comes to rest before it follows a setpoint of another mode.
@@ -181,6 +184,7 @@ class Capabilities:
             measured, below which nothing can be said to move; empty: finer than anyone asks.
     """
 
+    type: str = ""
     joints: tuple[str, ...] = ()
     limits: tuple[JointLimits, ...] = ()
     cartesian_limits: CartesianLimits | None = None
@@ -193,6 +197,7 @@ class Capabilities:
     has_free: bool = False
     has_gravity_compensation: bool = False
     needs_homing: bool = False
+    enable_moves: bool = False
     integrates_twists: bool = False
     stops_between_modes: bool = False
     rate: float = 100.0
@@ -254,6 +259,6 @@ class Capabilities:
         if Mode.CARTESIAN_VELOCITY in self.modes and cartesian is None:
             raise ValueError("cartesian_limits: needed by CARTESIAN_VELOCITY")
         if Mode.CARTESIAN_EFFORT in self.modes and not (
-            cartesian is not None and cartesian.force > 0.0 and cartesian.torque > 0.0
+            cartesian is not None and cartesian.force > 0.0
         ):
-            raise ValueError("cartesian_limits: CARTESIAN_EFFORT needs force and torque above zero")
+            raise ValueError("cartesian_limits: CARTESIAN_EFFORT needs a force above zero")

@@ -25,10 +25,18 @@ class Service:
         summary: one line for people.
         run: begins it, as a procedure of the I/O thread. It may be asked for in any state; what it raises
             of `crtk_drivers.errors` is the answer, and ends nothing else.
+        moves: it may set the hardware in motion, or let something go: a stop ends it before the next of its
+            steps, and the hardware is stopped then in any state; so it is where it fails on its way.
+        stops: it is a stop itself: it takes the place of a service that runs, and is never refused for one.
+        undo: ends what it has begun where a stop came in the step in which it ended, and it heard nothing of
+            that: of one that moves what `Device.stop` does not end. In the I/O thread, before that.
     """
 
     summary: str
     run: Callable[[], Answer]
+    moves: bool = False
+    stops: bool = False
+    undo: Callable[[], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +69,19 @@ class Reading:
         summary: one line for people.
         payload: what it is.
         tell: returns the newest value, None while it is not known. No I/O; from any thread.
+        is_bare: it is told without ``state/`` before its name, as others expect it there: pedals.
+        repeats: it is told again and again on ROS, so that silence means something.
     """
 
     summary: str
     payload: Payload
     tell: Callable[[], Value | None]
+    is_bare: bool = False
+    repeats: bool = False
+
+    def told_as(self, name: str) -> str:
+        """Return the name below the device by which it is told."""
+        return name if self.is_bare else f"{READINGS}/{name}"
 
 
 class Severity(IntEnum):

@@ -5,15 +5,18 @@ thread: a `crtk_drivers.engine.Engine` drives it from the I/O thread of its bus 
 setpoints that are already checked and limited. Three rules make that safe:
 
 * Only `read` may wait, and no longer than its deadline. Everything else returns at once.
-* Nothing moves because of `open`, `enable` or `resume`; only `write`, `move` and `home` move the hardware.
-* The I/O thread alone calls a device, with three exceptions: `stop` comes from the watchdog's thread too,
-  `abort_open` from whoever shuts down, and `kinematics`, which are pure functions, from any.
+* Nothing moves because of `open`; only `write`, `move` and `home` move the hardware, `enable` where
+  `Capabilities.enable_moves` says so, and services that say so (`Service.moves`). All of that `stop` ends.
+* The I/O thread alone calls a device, with these exceptions: `stop` and `left` come from the watchdog's
+  thread too, `abort_open` from whoever shuts down, and `kinematics`, which are pure functions, from any.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+
+from typing_extensions import override
 
 from crtk_drivers.device.arm_kinematics import Kinematics
 from crtk_drivers.device.capabilities import Capabilities
@@ -93,12 +96,21 @@ class Device(ABC):
         take a lock that `read` holds.
         """
 
+    def left(self) -> None:  # noqa: B027 - most do the same in all states
+        """The core has left ENABLED without a procedure of the device: a fault of ours, a stream that ended;
+        or `enable` or `resume` was broken off, or has failed.
+
+        `stop` follows, and as that it may come from the watchdog's thread. Where the program ends while
+        ENABLED it is not called: `close` follows then.
+        """
+
     @property
     def has_stopped(self) -> bool:
         """Whether what `stop` asked for last has been read back from the hardware.
 
         That the joints stand is judged by the core from what is measured; this is for what it cannot see: the
-        goal in a register, the mode of a drive. Until it is true the core goes on calling `stop`.
+        goal in a register, the mode of a drive. Where samples tell nothing valid of the joints, it alone
+        counts. Until it is true the core goes on calling `stop`.
         """
         return True
 
@@ -125,6 +137,14 @@ class Device(ABC):
         Below 1 where somebody slows it down, as with the speed slider of a teach pendant.
         """
         return 1.0
+
+    @property
+    def velocity_steps(self) -> tuple[float, ...]:
+        """`Capabilities.velocity_resolution` as the connected hardware has it, where that tells it only then.
+
+        Looked at after each `open`, for which joints stand.
+        """
+        return self.capabilities.velocity_resolution
 
     @property
     def has_arrived(self) -> bool:
@@ -186,6 +206,11 @@ class Device(ABC):
         """
         return {}
 
+    @property
+    def followers(self) -> frozenset[str]:
+        """Those of `children` without an operating state of their own, which follow this one's; constant."""
+        return frozenset()
+
     def enable(self) -> Steps:
         """Power up and be ready for setpoints; the first one will be the measured position.
 
@@ -229,3 +254,15 @@ class Device(ABC):
     def move_progress(self) -> MoveProgress:
         """Say where the motion started last by `move` stands."""
         raise NotImplementedError
+
+
+class Sensor(Device):
+    """A device that measures and has nothing that moves: no command leads to `write`."""
+
+    @override
+    def write(self, setpoint: Setpoint) -> None:
+        raise NotImplementedError
+
+    @override
+    def stop(self) -> None:
+        """Nothing moves."""

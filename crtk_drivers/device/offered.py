@@ -13,7 +13,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Level, Space, find, is_name
+from crtk_drivers.commands import (
+    COMMANDS,
+    FOLLOW,
+    Command,
+    Direction,
+    Kind,
+    Level,
+    Space,
+    find,
+    is_name,
+)
 from crtk_drivers.device.capabilities import Mode
 from crtk_drivers.device.interface import Device
 
@@ -26,6 +36,7 @@ BASE = "a base with a pose of its own (the key base of the configuration)"
 NATIVE = "its own "
 WRENCH_AXES = "body/set_cf_orientation_absolute"
 ANY_MODE = "any mode"
+JOINTS = "joints"
 
 _POSES: tuple[frozenset[str], ...] = (
     frozenset({Mode.CARTESIAN_POSITION}),
@@ -99,8 +110,8 @@ _NEEDS: Mapping[str, tuple[frozenset[str], ...]] = MappingProxyType(
         "jacobian": (frozenset({KINEMATICS}),),
         "forward_kinematics": (frozenset({KINEMATICS}),),
         "inverse_kinematics": (frozenset({KINEMATICS}),),
-        "setpoint_js": (frozenset({ANY_MODE}),),
-        "setpoint_cp": (frozenset({ANY_MODE, KINEMATICS}),),
+        "setpoint_js": (frozenset({ANY_MODE, JOINTS}),),
+        "setpoint_cp": (frozenset({ANY_MODE, KINEMATICS}), frozenset({Mode.CARTESIAN_POSITION})),
         "setpoint_cv": (frozenset({ANY_MODE, KINEMATICS}), frozenset({Mode.CARTESIAN_VELOCITY})),
         "setpoint_cf": _WRENCHES,
         "goal_js": (
@@ -139,11 +150,14 @@ def _features(device: Device) -> frozenset[str]:
         FREE: capabilities.has_free,
         GRAVITY: capabilities.has_gravity_compensation,
         BASE: capabilities.base_pose is not None,
+        JOINTS: bool(capabilities.joints),
         ANY_MODE: bool(capabilities.modes or capabilities.native_moves),
     }
     features.update(feature for feature, is_there in has.items() if is_there)
     return frozenset(features)
 
+
+_STATE = frozenset({"operating_state", "state_command"})
 
 _IN_OWN_BASE = ("measured_cp", "setpoint_cp", "forward_kinematics")
 """What is told in ``local/`` too, whether the device's own base is the base frame or not."""
@@ -182,8 +196,20 @@ def offered(device: Device) -> Mapping[str, Command]:
     return MappingProxyType({name: find(name) for name in ranked})
 
 
+def follows_trajectories(device: Device) -> bool:
+    """Whether `crtk_drivers.commands.FOLLOW` can be asked of a device."""
+    return Mode.JOINT_POSITION in device.capabilities.modes
+
+
+def without_state(commands: Mapping[str, Command]) -> Mapping[str, Command]:
+    """Return what is left for a device that follows the operating state of another one."""
+    return MappingProxyType({name: row for name, row in commands.items() if name not in _STATE})
+
+
 def missing_for(name: str, device: Device) -> str:
     """Say in words what a device would need in order to offer `name`."""
+    if name == FOLLOW.name:
+        return f"It would need {Mode.JOINT_POSITION}."
     if not is_name(name):
         return "There is no such CRTK command."
     command = find(name)

@@ -27,7 +27,7 @@ from crtk_drivers.motion.arbiter import Order
 from crtk_drivers.motion.stopping import UNSEEN
 from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import Sample
-from crtk_drivers.state import HOMING_COMMANDS, OperatingState, StateCommand
+from crtk_drivers.state import HOMING_COMMANDS, STOPS, OperatingState, StateCommand
 from crtk_drivers.status.deadman import Deadman
 
 logger = logging.getLogger(__name__)
@@ -47,6 +47,9 @@ TIME_TO_DISABLE = 2.0
 LONGEST_WAIT_FOR_A_CYCLE = 2.0
 """Periods between two whole cycles, however often the I/O thread is woken and whatever ends its reading."""
 
+PATIENCE_TO_TELL = 0.1
+"""Seconds for which an alarm waits to be told: who holds the lock may be held up himself."""
+
 _AFTER_STREAM = {"pause": OperatingState.PAUSED, "fault": OperatingState.FAULT}
 
 
@@ -59,6 +62,7 @@ class Engine(Intake):
         options: the user's choices.
         clock: monotonic seconds.
         sleep: lets seconds pass on that clock.
+        has_state: see `Intake`.
     """
 
     def __init__(
@@ -68,8 +72,10 @@ class Engine(Intake):
         options: EngineOptions | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
+        *,
+        has_state: bool = True,
     ) -> None:
-        super().__init__(device, name, options, clock)
+        super().__init__(device, name, options, clock, has_state=has_state)
         self._sleep = sleep
         self._alarm = ""
         self._overdue = ""
@@ -77,7 +83,8 @@ class Engine(Intake):
         self._sample_deadman = Deadman(self.options.sample_timeout)
         self._listened = 0.0
         self._sampled = 0.0
-        self._awake_since = -math.inf  # after it was stuck, once until a sample comes
+        # After it was stuck: once until a sample comes, and with each that was made since it looked last.
+        self._awake_since = -math.inf
         self._whole_until = -math.inf
 
     # ---------------------------------------------------------------- for the I/O thread of the bus
@@ -119,8 +126,10 @@ class Engine(Intake):
         sample = self.device.read(deadline)
         now = self._clock()
         is_woken = sample is None and self._can_wake and now < min(deadline, self._whole_until)
-        if now - self._listened > self.options.sample_timeout and self._awake_since < self._sampled:
-            # It was stuck: what was made meanwhile counts as made now; newer ones follow.
+        was_stuck = now - self._listened > self.options.sample_timeout
+        is_new = sample is not None and sample.stamp.monotonic >= self._listened
+        if was_stuck and (is_new or self._awake_since < self._sampled):
+            # What was made meanwhile counts as made now; newer ones follow.
             self._awake_since = now
             self._sample_deadman.feed(now)
         self._listened = now
@@ -136,19 +145,18 @@ class Engine(Intake):
                 remedy="Is it on, and the network free? The driver connects again by itself.",
             )
         try:
-            if self._alarm:
-                self._motion.end(self._alarm)
-                self._alarm = ""
-                self._stopping.stop()
+            self._heed_alarm()
             if is_woken:
                 self._hurry(now)
             else:
                 self._whole_until = now + LONGEST_WAIT_FOR_A_CYCLE * self._period
                 self._stopping.follow(sample, now)
-                self._requests.step(now)
+                self._heed_stop()
                 self._end_untied(now)
                 self._motion.apply_settings()
                 self._advance(now)
+                self._serve(now)  # what was asked for after a stop comes after it
+            self._heed_alarm()  # that came meanwhile, before something was begun
         except DeviceFault as fault:
             self._broken(fault.statement, fault.remedy)
         except DeviceError:
@@ -160,8 +168,16 @@ class Engine(Intake):
         if not is_woken:
             self._health.cycle(now)
         self._turns.turn()
+        if sample is not None:
+            self._tell_sample(sample)
+
+    def _tell_sample(self, sample: Sample) -> None:
+        if self.keepers:
+            now, state = time.time_ns(), self.status.state
+            for keep in self.keepers:
+                keep((now, sample, self._feedback.active, state))
         told = self.on_sample
-        if sample is not None and told is not None:
+        if told is not None:
             told()
 
     def _sound(self, sample: Sample) -> Sample | None:
@@ -169,8 +185,8 @@ class Engine(Intake):
         broken = sample.not_finite
         if not broken:
             self._broken_sample = ""
-            self._health.samples += 1
             self._feedback.take(sample)
+            self._health.samples += 1  # who saw it counted sees its values
             return sample
         self._health.broken_samples += 1
         if not self._broken_sample:
@@ -189,13 +205,26 @@ class Engine(Intake):
         self._health.pause()
         self._feedback.invalidate()
         told = without_name(reason, self.where)
-        self._requests.end(ConnectionLost(told, where=self.where, remedy=remedy))
+        self._requests.break_off(told)
+        gone = ConnectionLost(told, where=self.where, remedy=remedy)
         try:
             self._leave(OperatingState.FAULT, reason, remedy)
         except DeviceError as error:
             told = without_name(str(error), self.where)
             logger.warning("%s: could not be told to stop: %s", self.where, told)
-        self._turns.turn()
+        finally:
+            self._requests.end(gone)
+            self._turns.turn()
+
+    def stop_for_good(self) -> None:
+        """Stop, without waiting, where something moves or may: `shut_down` follows.
+
+        Raises:
+            DeviceError: it could not be told.
+        """
+        if self._connected and self._transitions.running is not StateCommand.DISABLE:
+            self._requests.break_off("the driver is shut down")
+            self._leave(OperatingState.DISABLED, "shut down")
 
     def shut_down(self) -> None:
         """Stop, wait until that is read back, leave the hardware as it is configured to be left, and close.
@@ -208,6 +237,7 @@ class Engine(Intake):
         overdue = ""
         try:
             if self._connected:
+                self._requests.break_off("the driver is shut down")
                 self._finish_disable()
                 self._leave(OperatingState.DISABLED, "shut down")
                 overdue = self._await_stop()
@@ -245,11 +275,10 @@ class Engine(Intake):
 
     def _await_stop(self) -> str:
         """Read until the stop has been carried out, and return ""; or what to say when it was not."""
-        while not self._stopping.confirmed:
+        overdue = ""
+        while not self._stopping.confirmed and not overdue:
             now = self._clock()
             overdue = self._stopping.overdue(now)
-            if overdue:
-                return overdue
             if not self.capabilities.paced_by_stream:
                 self._sleep(self._period)
             try:
@@ -259,22 +288,46 @@ class Engine(Intake):
                 return f"{UNSEEN}: {told}"
             usable = sample if sample is not None and not sample.not_finite else None
             self._stopping.follow(usable, self._clock())
-        return ""
+        return "" if self._stopping.confirmed else overdue
 
     # -------------------------------------------------------------------- for the watchdog's thread
 
     def alarm(self, reason: str) -> None:
-        """Go to FAULT and stop the hardware, without waiting for an I/O thread that is late or dead."""
+        """Stop the hardware and go to FAULT, without waiting for an I/O thread that is late or dead.
+
+        Nor does the stop wait for whoever is held up as he tells or logs something, under the lock: then it
+        is left to the I/O thread to go to FAULT, when that is back.
+        """
         self._alarm = reason
-        with self._board.lock:
-            self._waiting.end(reason)
-            self._transitions.cancel()
-            self._board.update(OperatingState.FAULT, reason, busy=False)
-        self._motion.abandon(reason)
-        if self._connected:
-            self.device.stop()
+        try:
+            self._stopping.left()
+            if self._connected:
+                self.device.stop()
+        finally:
+            if self._board.lock.acquire(timeout=PATIENCE_TO_TELL):
+                try:
+                    self._waiting.end(reason)
+                    self._transitions.cancel()
+                    self._board.update(OperatingState.FAULT, reason, busy=False)
+                finally:
+                    self._board.lock.release()
+            self._alarm = reason  # also of what went out in between
+            self._motion.abandon(reason)
 
     # ---------------------------------------------------------------------------------------- inside
+
+    def _heed_alarm(self) -> None:
+        """End what goes on though the watchdog has intervened, and stop: it may have begun after that."""
+        if not self._alarm:
+            return
+        reason, self._alarm = self._alarm, ""
+        state, running = self.status.state, self._transitions.running
+        if state is OperatingState.ENABLED or (state is not OperatingState.FAULT and running):
+            self._leave(OperatingState.FAULT, reason)
+        self._motion.end(reason)
+        self._requests.break_off(reason)
+        self._requests.end_broken()
+        self._stopping.stop()
 
     def _end_untied(self, now: float) -> None:
         """End free drive, or else gravity compensation, if its client has gone or did not ask again."""
@@ -311,12 +364,24 @@ class Engine(Intake):
                 silence = self.options.silence(self.commands[ended].level)
                 self._leave(after, f"{ended} stopped for more than {silence:g} s")
 
+    def _heed_stop(self) -> None:
+        """End a service that a stop has broken off; send a stop for that, or again if a client asked."""
+        asked, self._stop_asked = self._stop_asked, False
+        if self._requests.end_broken() or (asked and not self._stopping.confirmed):
+            self._stopping.stop()
+
+    def _serve(self, now: float) -> None:
+        """Advance the service that runs. One that moves begins as a transition does: at rest."""
+        if self._requests.step(now, self._may_move, self._stopping.moves_again):
+            self._stopping.stop()
+
+    def _may_move(self, now: float) -> bool:
+        """Whether a service that moves may begin now."""
+        rests = self._stopping.confirmed or self._stopping.overdue(now)
+        return bool(rests) and self._transitions.running not in STOPS
+
     def _judge_stop(self, running: StateCommand | None, now: float) -> None:
-        """Send a stop again if a client asked for that; go to FAULT if one is overdue."""
-        if self._stop_asked:
-            self._stop_asked = False
-            if not self._stopping.confirmed:
-                self._stopping.stop()
+        """Go to FAULT if a stop is overdue."""
         overdue = self._stopping.overdue(now)
         if overdue and running is not StateCommand.DISABLE:
             if not self._overdue:
@@ -348,16 +413,22 @@ class Engine(Intake):
             self._board.update(homed=self.device.is_homed)
 
     def _leave(self, state: OperatingState, reason: str, remedy: str = "") -> None:
-        """End whatever goes on and go to `state`; stop the hardware if it was ENABLED.
+        """End whatever goes on and go to `state`; stop the hardware if it was ENABLED, or may move otherwise.
 
         The state comes first: from then on no command is accepted that would not be ended here.
         """
         was_enabled = self.status.state is OperatingState.ENABLED
+        if was_enabled and state is not OperatingState.DISABLED:
+            self._stopping.left()
         with self._board.lock:
+            self._stops += 1
             self._waiting.end(reason)
             self._transitions.cancel()
             self._board.update(state, reason, remedy=remedy, busy=False)
-        self._transitions.close_cancelled()  # while the device is still open
+        may_move = self._transitions.close_cancelled()  # while the device is still open
+        if was_enabled or state is OperatingState.FAULT:
+            self._requests.break_off(reason)
+        may_move |= self._requests.end_broken()
         self._motion.end(reason)
-        if was_enabled:
+        if was_enabled or may_move:
             self._stopping.stop()

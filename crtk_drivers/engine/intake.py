@@ -8,13 +8,20 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from crtk_drivers.commands import Command, Level
-from crtk_drivers.device import Device, Note, Ratios
-from crtk_drivers.device.offered import WRENCH_AXES, missing_for, offered
-from crtk_drivers.engine.services import Request, Requests
+from crtk_drivers.commands import FOLLOW, Command, Level
+from crtk_drivers.device import Device, Note, Ratios, Service
+from crtk_drivers.device.offered import (
+    WRENCH_AXES,
+    follows_trajectories,
+    missing_for,
+    offered,
+    without_state,
+)
+from crtk_drivers.engine.as_messages import Messages
+from crtk_drivers.engine.services import OwnService, Request, Requests
 from crtk_drivers.engine.tether import Tether
 from crtk_drivers.engine.transitions import Transitions
 from crtk_drivers.engine.turns import Turns
@@ -34,11 +41,12 @@ from crtk_drivers.motion.feedback import Feedback
 from crtk_drivers.motion.inverse import Reach
 from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.motion.orders import OrderMaker
+from crtk_drivers.motion.past import Moment, Past
 from crtk_drivers.motion.stopping import Stopping
 from crtk_drivers.motion.told import Told
 from crtk_drivers.options import EngineOptions
-from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Stamp, Value, Vector
-from crtk_drivers.state import OperatingState, StateCommand, Status, parse_command
+from crtk_drivers.samples import EMPTY, Flag, Number, Pose, Stamp, Text, Value, Vector
+from crtk_drivers.state import STOPS, OperatingState, StateCommand, Status, parse_command
 from crtk_drivers.status.board import Observer, StatusBoard
 from crtk_drivers.status.health import Health, HealthRecorder
 
@@ -60,6 +68,9 @@ class Intake:
         name: of the device, for messages.
         options: the user's choices.
         clock: monotonic seconds.
+        has_state: it has an operating state of its own; otherwise it follows that of another device (see
+            `crtk_drivers.engine.borrowed_state`), and offers neither ``operating_state`` nor
+            ``state_command``.
     """
 
     def __init__(
@@ -68,17 +79,27 @@ class Intake:
         name: str,
         options: EngineOptions | None = None,
         clock: Callable[[], float] = time.monotonic,
+        *,
+        has_state: bool = True,
     ) -> None:
         self.device = device
         self.name = name
         self.where = f"{name} {device.address}"
         self.capabilities = device.capabilities
-        self.commands = offered(device)
+        self.has_state = has_state
+        self.commands = offered(device) if has_state else without_state(offered(device))
         self.options = options or EngineOptions()
         self.on_sample: Callable[[], None] | None = None
         """Called by the I/O thread at the end of each cycle that brought a sample; must return at once."""
+        self.keepers: tuple[Callable[[Moment], object], ...] = ()
+        """Called by the I/O thread at the end of each cycle that brought a sample; must return at once."""
+        self.hearers: tuple[Callable[[str, Value | None, int], object], ...] = ()
+        """Called with each command that comes, its value and stamp, before it is checked; return at once."""
+        self.standing: dict[str, str] = {}
+        """What a front has told of the device, and holds: manifest and description, by topic."""
         self.own_notes: tuple[Note, ...] = ()
         """What the front has to say of the device, beside its own notes; replaced as a whole."""
+        self.messages = Messages(self.capabilities)
         self._clock = clock
         self._turns = Turns()
         self._connected = False
@@ -86,8 +107,9 @@ class Intake:
         stale_after = min(max(5.0 * period, 0.02), self.options.sample_timeout)
         self._feedback = Feedback(device, stale_after)
         self._told = Told(self._feedback)
-        self.services, self.inputs, self.readings = device.services, device.inputs, device.readings
-        own_names = (*self.services, *self.inputs)
+        self.services: Mapping[str, Service | OwnService] = device.services
+        self.inputs, self.readings = device.inputs, device.readings
+        own_names = (FOLLOW.name, *self.services, *self.inputs)
         self._health = HealthRecorder(self.capabilities.rate, 2.0 * period, own_names)
         homed = not self.capabilities.needs_homing
         begun = f"connecting to {device.address} since {time.strftime('%H:%M:%S')}"
@@ -112,6 +134,7 @@ class Intake:
             health=self._health,
         )
         self._stop_asked = False
+        self._stops = 0  # that were asked for, or came of themselves; under the board's lock
         self._can_wake = False
         self._orders = OrderMaker(context)
         self._arbiter = Arbiter(self.options, self.where)
@@ -120,7 +143,7 @@ class Intake:
         self._motion = MotionExecutor(context, self._arbiter)
         self._told.latch(_ratio_values(self._orders.ratios))
         timeout = self.capabilities.transition_timeout
-        self._requests = Requests(self.services, self.where, timeout)
+        self._requests = Requests(device.services, self.where, timeout)
         self._transitions = Transitions(context, self._motion.end)
         self._waiting = WaitingMove(self.where, self._board, self._transitions, self._begin_waiting)
 
@@ -145,6 +168,12 @@ class Intake:
         return self._feedback.sample_age(self._clock()) < math.inf
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether no motion is carried out, nor waits to be."""
+        moves = self.status.is_busy or self._arbiter.streams(self._clock())
+        return self._motion.rests and not moves
+
+    @property
     def stale_after(self) -> float:
         """Seconds after which a sample is no longer valid."""
         return self._feedback.stale_after
@@ -164,6 +193,26 @@ class Intake:
         """Wait until `test` holds after a cycle; return whether it did within `timeout` s."""
         return self._turns.wait_for(test, timeout)
 
+    def break_off(self, by: str) -> None:
+        """End an `enable` or `resume` that may move; from any thread.
+
+        Args:
+            by: what stops it.
+        """
+        self._transitions.break_off(by)
+
+    def end_service(self, by: str) -> None:
+        """End a service that moves; from any thread, also under the lock of another device's board.
+
+        Args:
+            by: what stops it.
+        """
+        self._requests.break_off(by)
+
+    def lend_busy(self, busy: bool) -> None:
+        """Be busy while a device is that follows the operating state of this one; from any thread."""
+        self._board.lend(busy)
+
     def add_observer(self, observer: Observer) -> None:
         """Tell `observer` from now on."""
         self._board.add(observer)
@@ -171,6 +220,10 @@ class Intake:
     def remove_observer(self, observer: Observer) -> None:
         """Tell `observer` no more."""
         self._board.remove(observer)
+
+    def after_telling(self, call: Callable[[], object]) -> None:
+        """Do what takes time, as a log does, once the lock is free under which observers are told."""
+        self._board.lock.afterwards(call)
 
     def feedback(self, name: str) -> tuple[Value, Stamp] | None:
         """Return the newest value of ``measured_*``, ``setpoint_*`` or ``jacobian`` with its stamp.
@@ -189,9 +242,17 @@ class Intake:
         notes = (*self.device.notes, *self.own_notes)
         return self._health.snapshot(age, self.device.counters, notes)
 
+    def past(self) -> Past:
+        """Return what tells of moments that `keepers` got, to one thread."""
+        return Past(self._feedback)
+
+    def add_services(self, services: Mapping[str, OwnService]) -> None:
+        """Offer services of ours, where the device has none of that name. Before a front is made."""
+        self.services = {**services, **self.services}
+
     def tell_frames(self, told: Callable[[str], str]) -> None:
-        """Name frames in refusals by `told`, called with a frame id: on ROS they carry a prefix."""
-        self._check.told_frame = told
+        """Name frames in refusals and messages by `told`, called with a frame id: on ROS with a prefix."""
+        self._check.told_frame = self.messages.outgoing = told
 
     def forward_kinematics(self, joints: Vector, name: str = "forward_kinematics") -> Pose:
         """Return the tool pose of a joint position (n,).
@@ -214,7 +275,8 @@ class Intake:
         """Return the joint position (n,) nearest to `reference` (default: the setpoint).
 
         Raises:
-            CommandRefused: no kinematics, or a pose or reference that is no pose or reference.
+            CommandRefused: no kinematics, or a pose or reference that is no pose or reference; or none is
+                given, and the device has not said where it is.
             KinematicsError: no solution within the limits.
         """
         command = self._require("inverse_kinematics")
@@ -222,7 +284,7 @@ class Intake:
         if reference.size:
             reference = self._check.check_joints(command, reference)
         else:
-            reference = self._feedback.reference_joints()
+            reference = self._context.inverse.reference(command)
         joints = self._context.inverse.kinematics.inverse(checked, reference)
         for name, limit, value in zip(
             self.capabilities.joints, self.capabilities.limits, joints.tolist(), strict=True
@@ -256,6 +318,8 @@ class Intake:
         Raises:
             CommandRefused: nothing was sent and nothing changed. Counted, and told to the observers.
         """
+        for hear in self.hearers:
+            hear(name, value, stamp_ns)
         try:
             command = self._require(name)
             if name == "hold":
@@ -277,6 +341,22 @@ class Intake:
             self._board.refused(told)
             raise told from refusal.__cause__
 
+    def end_move(self, move: Move, reason: str, client: Client = NOBODY) -> None:
+        """Stop where a move is, and hold; it ends as pre-empted.
+
+        Nothing is done if it has ended, or if another one takes its place in the next cycle.
+
+        Args:
+            move: as `submit` returned it.
+            reason: in words.
+            client: who asks.
+        """
+        with self._board.lock:
+            if move.is_busy() and self._arbiter.waiting_move in (None, move):
+                self._waiting.end(reason, Outcome.PREEMPTED)
+                if self.status.state is OperatingState.ENABLED:
+                    self._put(Order("hold"), client)
+
     def state_command(self, text: str, stamp_ns: int = 0) -> None:
         """Ask for ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``.
 
@@ -290,6 +370,8 @@ class Intake:
             CommandRefused: unknown, invalid in this state, too old for what sets the device going, not
                 connected, or another one is running.
         """
+        for hear in self.hearers:
+            hear("state_command", Text(text), stamp_ns)
         try:
             command = parse_command(text)
             self._check.check_state_command(command, stamp_ns, time.time_ns())
@@ -297,6 +379,10 @@ class Intake:
             with self._board.lock:
                 if command is StateCommand.PAUSE:  # a stop, also where it is refused
                     self._waiting.end("by pause", Outcome.PREEMPTED)
+                    self._transitions.break_off("pause")
+                if command in STOPS:
+                    self._stops += 1
+                    self._requests.break_off(f"by {command}")
                 if self._transitions.accept(command, stamp_ns):
                     self._waiting.end(f"by {command}", Outcome.PREEMPTED)
         except CommandRefused as refusal:
@@ -306,11 +392,21 @@ class Intake:
             raise told from refusal.__cause__
 
     def request(self, name: str) -> Request:
-        """Ask the device for one of its own `services`.
+        """Ask for one of the `services`. One of ours is carried out at once, whatever the device does.
+
+        One that is a stop takes the place of what runs.
 
         Raises:
             CommandRefused: there is no such service, one is running, or the device is not connected.
         """
+        service = self.services.get(name)
+        if isinstance(service, OwnService):
+            return service.carried_out(name)
+        if service is not None and service.stops:
+            with self._board.lock:
+                self._stops += 1
+            self._waiting.end(f"by {name}", Outcome.PREEMPTED)
+            self._transitions.break_off(name)
         try:
             return self._requests.ask(name)
         except CommandRefused as refusal:
@@ -324,6 +420,8 @@ class Intake:
             CommandRefused: the device does not take it, or not while a motion is carried out.
         """
         taken = self.inputs[name]
+        for hear in self.hearers:
+            hear(name, value, 0)
         try:
             if taken.at_rest:
                 with self._board.lock:
@@ -343,6 +441,8 @@ class Intake:
     # ---------------------------------------------------------------------------------------- inside
 
     def _require(self, name: str) -> Command:
+        if name == FOLLOW.name and follows_trajectories(self.device):
+            return FOLLOW
         try:
             return self.commands[name]
         except KeyError:
@@ -388,8 +488,7 @@ class Intake:
 
     def _require_rest(self, name: str) -> None:
         """Refuse while a motion is carried out, or waits to be."""
-        moving = self.status.is_busy or self._arbiter.streams(self._clock())
-        if moving or not self._motion.rests:
+        if not self.is_at_rest:
             raise CommandRefused(
                 name,
                 Reason.INVALID_TRANSITION,
@@ -404,7 +503,10 @@ class Intake:
         One look at the state decides, so that no change of it makes this a refusal.
         """
         with self._board.lock:
+            self._stops += 1
             self._transitions.end_homing()
+            self._transitions.break_off("hold")
+            self._requests.break_off("by hold")
             self._waiting.end("by hold", Outcome.PREEMPTED)
             running = self._transitions.running is not None
             enabled = self.status.state is OperatingState.ENABLED
@@ -434,9 +536,12 @@ class Intake:
         client: Client,
         waiting: Waiting | None = None,
     ) -> Move | None:
+        stops = self._stops
         order = self._order(command, value, stamp_ns, client)
         with self._board.lock:
             self._require_enabled(command.name)
+            if self._stops != stops:
+                raise self._overtaken(command.name)
             if waiting is not None:
                 if not self._waiting.holds(waiting):
                     return None
@@ -484,6 +589,16 @@ class Intake:
         with self._board.lock:
             self._orders.ratios = changed
             self._context.latch(_ratio_values(changed), 0)
+
+    def _overtaken(self, name: str) -> CommandRefused:
+        """Return what to say of a command that was still being judged as a stop came, which is newer."""
+        return CommandRefused(
+            name,
+            Reason.TOO_OLD,
+            "a stop came while it was being judged",
+            where=self.where,
+            remedy="Send it again if it is to be carried out after that.",
+        )
 
     @property
     def _is_free(self) -> bool:

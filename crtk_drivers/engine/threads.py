@@ -10,17 +10,18 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from crtk_drivers.engine.cycle import Engine
 from crtk_drivers.errors import REPORT, ConnectionFailed, DeviceError, unexpected
 from crtk_drivers.status.deadman import Deadman
+from crtk_drivers.status.real_time import ask_for_real_time
 
 logger = logging.getLogger(__name__)
 
@@ -60,6 +61,13 @@ class _Member:
     engine: Engine
     open_timeout: float
     reconnect: _Reconnect = field(default_factory=_Reconnect)
+
+
+class Looking(Protocol):
+    """What one device does because of another."""
+
+    def look(self) -> None:
+        """Do what there is to do now. It waits for nothing."""
 
 
 class BusThread:
@@ -126,7 +134,7 @@ class BusThread:
         return ""
 
     def _run(self) -> None:
-        _ask_for_real_time()
+        ask_for_real_time(REAL_TIME_PRIORITY)
         try:
             due = time.monotonic()
             while not self._stopping.is_set():
@@ -139,6 +147,9 @@ class BusThread:
                     self._close(member)
                 self._heartbeat.feed(time.monotonic())
         finally:
+            # Nobody cycles the others while the first one is waited for.
+            for member in self._members:
+                self._stop_for_good(member)
             for member in self._members:
                 self._shut_down(member)
 
@@ -223,6 +234,13 @@ class BusThread:
         except Exception:
             logger.exception("%s: closing failed", member.engine.where)
 
+    @staticmethod
+    def _stop_for_good(member: _Member) -> None:
+        try:
+            member.engine.stop_for_good()
+        except Exception as error:  # it is told again, and waited for
+            logger.warning("%s: could not be told to stop: %s", member.engine.where, error)
+
     def _shut_down(self, member: _Member) -> None:
         try:
             member.engine.shut_down()
@@ -234,26 +252,18 @@ class BusThread:
             self._failures.append(DeviceError(f"unexpected {error}", where=member.engine.where))
 
 
-def _ask_for_real_time() -> None:
-    """Run the calling thread, and no process that it starts, before all that is not real-time.
-
-    Where the system does not permit it, nothing happens.
-    """
-    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-    try:
-        os.sched_setscheduler(0, policy, os.sched_param(REAL_TIME_PRIORITY))
-    except PermissionError:
-        logger.debug("real-time priority is not permitted; see `crtk-driver check`")
-
-
 class Runtime:
     """All threads of a process.
 
     Args:
         engines: with their time for `open`, in s.
+        followers: what else is to be looked at, again and again.
     """
 
-    def __init__(self, engines: Iterable[tuple[Engine, float]]) -> None:
+    def __init__(
+        self, engines: Iterable[tuple[Engine, float]], followers: Sequence[Looking] = ()
+    ) -> None:
+        self._followers = followers
         by_bus: dict[str, list[tuple[Engine, float]]] = defaultdict(list)
         for engine, timeout in engines:
             by_bus[engine.device.bus].append((engine, timeout))
@@ -320,6 +330,15 @@ class Runtime:
                     alarmed.add(bus.bus)
                     for engine in bus.engines:
                         self._alarm(engine, trouble)
+            for follower in self._followers:
+                self._look(follower)
+
+    @staticmethod
+    def _look(follower: Looking) -> None:
+        try:
+            follower.look()
+        except Exception:
+            logger.exception("following one device with another failed")
 
     @staticmethod
     def _alarm(engine: Engine, trouble: str) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import (
@@ -40,6 +40,8 @@ _DONE_WHERE_REACHED = frozenset({StateCommand.ENABLE, StateCommand.PAUSE, StateC
 Not `disable`: after a connection DISABLED says nothing of the hardware, and power may be on. `home` has
 nothing to do on a device that is homed, `unhome` on one that is not."""
 
+
+_ENABLING = frozenset({StateCommand.ENABLE, StateCommand.RESUME})
 
 _PAUSED_IN = frozenset(
     {StateCommand.PAUSE, StateCommand.RESUME, StateCommand.HOME, StateCommand.UNHOME}
@@ -74,6 +76,7 @@ class Transitions:
         device = context.device
         self._device = device
         self._needs_homing = device.capabilities.needs_homing
+        self._moving = _ENABLING if device.capabilities.enable_moves else frozenset()
         self._timeout = device.capabilities.transition_timeout
         self._where = context.where
         self._board = context.board
@@ -195,6 +198,24 @@ class Transitions:
             if self._running is not None and self._running.command is StateCommand.HOME:
                 self.cancel()
 
+    def break_off(self, by: str) -> None:
+        """Cancel an `enable` or `resume` that may move, also one that waits. From any thread.
+
+        Args:
+            by: the stop.
+        """
+        with self._board.lock:
+            running, following = self._running, self._next
+            if following in self._moving:
+                self._next = None
+                self._board.warned(f"{following} was broken off by {by}")
+            if running is None or running.command not in self._moving:
+                return
+            self.cancel()
+            self._ended_in = replace(self._board.status, detail=f"broken off by {by}", remedy="")
+            self._board.warned(f"{running.command} was broken off by {by}")
+            self._board.announce()
+
     def cancel(self) -> None:
         """Forget the running command. From any thread; `step` or `close_cancelled` ends its procedure."""
         with self._board.lock:
@@ -203,12 +224,25 @@ class Transitions:
                 self._abandoned.append(self._running)
                 self._running = None
 
-    def close_cancelled(self) -> None:
-        """Let the procedures of commands that were cancelled clean up. I/O thread only."""
+    def close_cancelled(self) -> bool:
+        """Let the procedures of commands that were cancelled clean up. I/O thread only.
+
+        Returns:
+            whether one of them may have set the hardware in motion: it is to be stopped.
+        """
+        may_move = False
         while self._abandoned:
-            procedure = self._abandoned.pop().procedure
-            if procedure is not None:
-                procedure.close()
+            running = self._abandoned.pop()
+            if running.procedure is not None:
+                running.procedure.close()
+                may_move |= self._came_to_nothing(running.command)
+        return may_move
+
+    def _came_to_nothing(self, command: StateCommand) -> bool:
+        """Have the device leave what `enable` or `resume` had begun; return whether it may move for it."""
+        if command in _ENABLING:
+            self._stopping.left()
+        return command in self._moving
 
     def step(self, now: float) -> None:
         """Resume the running procedure, if there is one.
@@ -216,10 +250,12 @@ class Transitions:
         Raises:
             ConnectionLost: by the procedure.
         """
-        self.close_cancelled()
+        if self.close_cancelled():
+            self._stopping.stop()
         running = self._running
         if running is None:
             return
+        has_begun = running.procedure is not None
         try:
             procedure = running.procedure or self._begin(running, now)
             if procedure is None:
@@ -228,7 +264,7 @@ class Transitions:
         except ConnectionLost:
             raise
         except CommandRefused as refusal:
-            self._refused(running, refusal)
+            self._refused(running, refusal, has_begun=has_begun)
             return
         except CrtkError as error:
             self._failed(running, f"{running.command}: {error.statement}", error.remedy)
@@ -237,6 +273,8 @@ class Transitions:
             logger.exception("%s: %s", self._where, running.command)
             self._failed(running, f"{running.command}: {unexpected(error)}", REPORT)
             return
+        if not has_begun and running.command is not StateCommand.DISABLE:
+            self._stopping.moves_again()
         if has_ended and self._reached(running, now):
             return
         if procedure.is_overdue(now):
@@ -255,8 +293,6 @@ class Transitions:
             return None
         if running.command in HOMING_COMMANDS:
             self._board.update(busy=True)
-        if running.command is not StateCommand.DISABLE:
-            self._stopping.moves_again()
         steps = self._procedures[running.command]()
         running.procedure = Procedure(steps, self._where, now + self._timeout)
         return running.procedure
@@ -268,21 +304,26 @@ class Transitions:
         self._running = None
         return True
 
-    def _refused(self, running: _Running, refusal: CommandRefused) -> None:
+    def _refused(
+        self, running: _Running, refusal: CommandRefused, *, has_begun: bool = False
+    ) -> None:
         told = refusal.of(running.stamp_ns, self._where)
         with self._board.lock:
             self._ended(running)
             self._board.update(busy=False)
             self._board.refused(told)
             self._board.announce()
+        is_home = running.command is StateCommand.HOME
+        if has_begun and (self._came_to_nothing(running.command) or is_home):
+            self._stopping.stop()
 
     def _failed(self, running: _Running, reason: str, remedy: str = "") -> None:
-        moving = self._board.status.state is OperatingState.ENABLED
+        was_enabled = self._board.status.state is OperatingState.ENABLED
         with self._board.lock:
             if self._ended(running):
                 self._board.update(OperatingState.FAULT, reason, remedy=remedy, busy=False)
                 self._ended_in = self._board.status
-        if moving:
+        if self._came_to_nothing(running.command) or was_enabled:
             self._stopping.stop()
 
     def _reached(self, running: _Running, now: float) -> bool:

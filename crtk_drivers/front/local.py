@@ -23,7 +23,7 @@ from typing_extensions import override
 from crtk_drivers import plugins
 from crtk_drivers.commands import Command, Level, Payload, find, is_name
 from crtk_drivers.config import from_values
-from crtk_drivers.device import READINGS, Reading
+from crtk_drivers.device import Reading
 from crtk_drivers.device.offered import missing_for
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, DataTimeout, TransitionFailed
@@ -40,6 +40,7 @@ from crtk_drivers.samples import (
     Value,
 )
 from crtk_drivers.session import Session, open_session
+from crtk_drivers.session.recordings import Recordings
 from crtk_drivers.state import StateCommand, Status, target_of
 from crtk_drivers.status.health import Health
 from crtk_drivers.status.throttle import Throttle
@@ -71,9 +72,10 @@ class _StatusWatch(Observer):
     nowhere.
     """
 
-    def __init__(self, status: Status, where: str) -> None:
-        self.latest = status
-        self._where = where
+    def __init__(self, engine: Engine) -> None:
+        self.latest = engine.status
+        self._where = engine.where
+        self._afterwards = engine.after_telling
         self._lock = threading.Lock()
         self._waits: list[_Wait] = []
         self._refusals = Throttle(LOG_INTERVAL)
@@ -89,11 +91,11 @@ class _StatusWatch(Observer):
     @override
     def command_refused(self, refusal: CommandRefused) -> None:
         if self._refusals.passes((refusal.command, refusal.reason), time.monotonic()):
-            logger.warning("%s", refusal)
+            self._afterwards(partial(logger.warning, "%s", refusal))
 
     @override
     def warned(self, text: str) -> None:
-        logger.warning("%s: %s", self._where, text)
+        self._afterwards(partial(logger.warning, "%s: %s", self._where, text))
 
     def wait_for(self, test: Callable[[Status], bool], timeout: float) -> bool:
         """Wait until `test` holds for an announced status; return whether it did in time."""
@@ -119,7 +121,7 @@ class LocalDevice(DeviceFront):
         self._session = session
         self._engine = session.children[child] if child else session.engine
         self._client = Client("another handle of the driver's own program")
-        self._watch = _StatusWatch(self._engine.status, self._engine.where)
+        self._watch = _StatusWatch(self._engine)
         self._engine.add_observer(self._watch)
         for name, command in self._engine.commands.items():
             self._add(name, command)
@@ -128,7 +130,7 @@ class LocalDevice(DeviceFront):
         for name, taken in self._engine.inputs.items():
             self._attach(name, partial(self._give, name, taken.payload), taken.summary)
         for name, reading in self._engine.readings.items():
-            self._attach(f"{READINGS}/{name}", partial(self._told, name, reading), reading.summary)
+            self._attach(reading.told_as(name), partial(self._told, name, reading), reading.summary)
         if not child:
             for behind in session.children:
                 setattr(self, behind, LocalDevice(session, behind))
@@ -166,6 +168,11 @@ class LocalDevice(DeviceFront):
     def sim(self) -> RunningSim | None:
         """The simulator behind the device, to inject faults into; None for real hardware."""
         return self._session.sim
+
+    @property
+    def recordings(self) -> Recordings:
+        """What records the device: ``arm.recordings.start("run.mcap")``, and its black box."""
+        return self._session.recordings
 
     @property
     def page(self) -> str:
@@ -238,7 +245,7 @@ class LocalDevice(DeviceFront):
         value = reading.tell()
         if value is None:
             raise DataTimeout(
-                f"{READINGS}/{name}: not known now; the device is {self._engine.status.state}",
+                f"{reading.told_as(name)}: not known now; the device is {self._engine.status.state}",
                 where=self._engine.where,
                 remedy="Is the device connected, and does it report this?",
             )

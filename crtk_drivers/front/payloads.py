@@ -98,7 +98,7 @@ def converted(
                 raise TypeError(f"the payload is a {payload}")
             return value
         return _CONVERT[payload](kind, value)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise CommandRefused(
             name,
             Reason.WRONG_TYPE,

@@ -28,6 +28,7 @@ from crtk_drivers.samples import (
     Flag,
     JointServo,
     JointState,
+    JointTrajectory,
     Number,
     Pose,
     Twist,
@@ -142,6 +143,7 @@ class CommandCheck:
             CartesianServo: self._check_cartesian_servo,
             Number: self._check_ratio,
             Flag: lambda command, flag: flag,
+            JointTrajectory: lambda command, way: way,  # crtk_drivers.trajectory.checks judges it
         }
         return checks[expected](command, value)
 

@@ -444,6 +444,10 @@ def _scaled_into(values: Vector, limits: Vector) -> Vector:
 
 
 def norms_into(values: Vector, first: float, second: float) -> Vector:
-    """Scale six values so that neither half has a norm above its limit."""
-    ratio = max(math.hypot(*values[:3]) / first, math.hypot(*values[3:]) / second)
+    """Scale six values so that neither half has a norm above its limit; the second limit may be 0."""
+    if not second:
+        values = vector((*values[:3], 0.0, 0.0, 0.0))
+        ratio = math.hypot(*values[:3]) / first
+    else:
+        ratio = max(math.hypot(*values[:3]) / first, math.hypot(*values[3:]) / second)
     return values / ratio if ratio > 1.0 else values

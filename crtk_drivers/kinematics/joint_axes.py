@@ -92,14 +92,20 @@ def _chain(kinematics: Kinematics, back: Array, q: Vector) -> RevoluteChain:
     for column, angle in enumerate(q.tolist()):
         axis = angular[:, column]
         on_axis = tool[:3, 3] + np.cross(axis, linear[:, column])
-        frame = _frame(before, axis, on_axis)
+        frame = frame_on_axis(before, axis, on_axis)
         joints.append(np.linalg.inv(before) @ frame @ _turned(-angle))
         before = frame
     return RevoluteChain(tuple(joints), np.linalg.inv(before) @ tool)
 
 
-def _frame(before: Array, axis: Vector, on_axis: Vector) -> Array:
-    """Return a frame on an axis, where the axis before it comes nearest to it."""
+def frame_on_axis(before: Array, axis: Vector, on_axis: Vector) -> Array:
+    """Return a frame (4, 4) whose z is an axis, where the axis z of the frame before comes nearest to it.
+
+    Args:
+        before: frame (4, 4).
+        axis: of unit length.
+        on_axis: a point of it.
+    """
     last, origin = before[:3, 2], before[:3, 3]
     across = np.cross(last, axis)
     square = float(across @ across)

@@ -23,7 +23,7 @@ from crtk_drivers.device import Kinematics
 from crtk_drivers.errors import ConfigError, KinematicsError, MissingExtra
 from crtk_drivers.geometry.quaternions import QUATERNION_TOLERANCE
 from crtk_drivers.kinematics.chain import Chain, JointKind
-from crtk_drivers.samples import Array, Pose, Vector, frozen, vector
+from crtk_drivers.samples import Array, Pose, Vector, frozen
 
 __all__ = ["IkFailure", "InverseKinematicsError", "SerialChain"]
 
@@ -169,8 +169,8 @@ class SerialChain(Kinematics):
         self._time_limit = time_limit
         # Joint i of the chain is at place self._order[i] of a joint vector.
         self._order = np.array([chain.names.index(joint.name) for joint in chain.joints])
-        lower = np.array([joint.lower for joint in chain.joints])
-        upper = np.array([joint.upper for joint in chain.joints])
+        lower = np.array([joint.lower for joint in chain.joints], dtype=np.float64)
+        upper = np.array([joint.upper for joint in chain.joints], dtype=np.float64)
         turns = np.array([joint.kind is JointKind.REVOLUTE for joint in chain.joints])
         self._turning = np.flatnonzero(turns).tolist()
         self._limits = _Bounds.of(lower, upper)
@@ -195,8 +195,9 @@ class SerialChain(Kinematics):
         Raises:
             ValueError: not n finite numbers.
         """
-        pose = self._pin.SE3ToXYZQUAT(self._place(self._workspace.data, self._to_chain(joints)))
-        return Pose(vector(pose[:3]), vector(pose[3:]), self.frame_id)
+        place = self._place(self._workspace.data, self._to_chain(joints))
+        pose = frozen(self._pin.SE3ToXYZQUAT(place))
+        return Pose(pose[:3], pose[3:], self.frame_id)
 
     @override
     def jacobian(self, joints: Vector) -> Array:

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from difflib import get_close_matches
-from pathlib import Path
-from typing import Final, NoReturn
+from typing import Final, NamedTuple, NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
@@ -18,10 +17,15 @@ import numpy as np
 
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.kinematics.chain import LARGEST, Chain, ChainJoint, JointKind, placed, turn
-from crtk_drivers.kit.capped_file import read_capped
 from crtk_drivers.samples import Array
 
-__all__ = ["parse_urdf", "read_urdf"]
+__all__ = [
+    "JointRates",
+    "ends_of_joints",
+    "joint_rates",
+    "parse_urdf",
+    "urdf_of_joints",
+]
 
 MAX_SIZE: Final = 4 * 1024 * 1024
 """Largest URDF that is read, in bytes; the largest humanoids have about a tenth of it."""
@@ -29,14 +33,23 @@ MAX_DEPTH: Final = 32
 """Deepest nesting of XML elements; URDF itself needs six."""
 
 
-def read_urdf(path: Path | str, *, base: str, tip: str, joints: Sequence[str] = ()) -> Chain:
-    """Return the chain between two links of a URDF file; see `parse_urdf`.
+class JointRates(NamedTuple):
+    """Limits of a joint beside its range, in rad/s (m/s) and N·m (N); 0 where a URDF has none."""
+
+    velocity: float
+    effort: float
+
+
+def joint_rates(
+    urdf: bytes | str, joints: Sequence[str], *, where: str = "URDF"
+) -> dict[str, JointRates]:
+    """Return the limits of velocity and effort of these joints, those that the document has.
 
     Raises:
-        ConfigError: missing, not a regular file, too large, or as `parse_urdf`; names the file.
+        ConfigError: as `parse_urdf`.
     """
-    document = read_capped(Path(path), MAX_SIZE, "a URDF file")
-    return parse_urdf(document, base=base, tip=tip, joints=joints, where=str(path))
+    reader = _UrdfReader(_parse_xml(urdf, where), where)
+    return reader.rates(joints)
 
 
 def parse_urdf(
@@ -70,6 +83,31 @@ def parse_urdf(
         return Chain(tuple(moving), placement, tuple(joints))
     except ConfigError as error:
         raise ConfigError(error.message, where=where, remedy=error.remedy) from None
+
+
+def urdf_of_joints(urdf: bytes | str, joints: Sequence[str], *, where: str = "URDF") -> Chain:
+    """Return the chain from the root of a URDF to the last of these joints, and to what is fixed to it.
+
+    For whoever knows joints, but no links. What hangs on the last link by one fixed joint belongs to it, and
+    ``tool0`` if there are several.
+
+    Raises:
+        ConfigError: as `parse_urdf`, or it has none of these joints.
+    """
+    base, tip = ends_of_joints(urdf, joints, where=where)
+    return parse_urdf(urdf, base=base, tip=tip, where=where)
+
+
+def ends_of_joints(
+    urdf: bytes | str, joints: Sequence[str], *, where: str = "URDF"
+) -> tuple[str, str]:
+    """Return the links between which `urdf_of_joints` has its chain.
+
+    Raises:
+        ConfigError: as `urdf_of_joints`.
+    """
+    reader = _UrdfReader(_parse_xml(urdf, where), where)
+    return reader.ends(joints)
 
 
 class _UrdfReader:
@@ -110,6 +148,50 @@ class _UrdfReader:
             joints.append(joint)
             link = self._link(joint, "parent")
         return joints[::-1]
+
+    def ends(self, joints: Sequence[str]) -> tuple[str, str]:
+        """Return the root, and the link behind that of these joints which is farthest from it."""
+        ways = [
+            self._above_all(link)
+            for link, joint in self._above.items()
+            if joint.get("name") in joints
+        ]
+        if not ways:
+            self._refuse(
+                f"has none of the joints {', '.join(map(_short, joints[:8]))}",
+                "Is it the description of another robot?",
+            )
+        links = max(ways, key=len)
+        base, tip = links[-1], links[0]
+        for _ in range(MAX_DEPTH):
+            fixed = [
+                link
+                for link, joint in self._above.items()
+                if joint.get("type") == "fixed" and self._link(joint, "parent") == tip
+            ]
+            named = [link for link in fixed if link.rpartition("/")[2] == "tool0"] or fixed
+            if len(named) != 1:
+                break
+            tip = named[0]
+        return base, tip
+
+    def _above_all(self, link: str) -> list[str]:
+        """Return a link and all that it hangs from."""
+        links = [link]
+        while links[-1] in self._above and len(links) <= len(self._above):
+            links.append(self._link(self._above[links[-1]], "parent"))
+        return links
+
+    def rates(self, joints: Sequence[str]) -> dict[str, JointRates]:
+        """Return the limits of velocity and effort of joints."""
+        found = {}
+        for joint in self._above.values():
+            name, limit = joint.get("name", ""), joint.find("limit")
+            if name in joints and limit is not None:
+                (velocity,) = self._numbers(joint, limit, "velocity", 1, "0")
+                (effort,) = self._numbers(joint, limit, "effort", 1, "0")
+                found[name] = JointRates(velocity, effort)
+        return found
 
     def origin(self, joint: Element) -> Array:
         """Return the placement of a joint in its parent link."""

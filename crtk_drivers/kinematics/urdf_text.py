@@ -41,6 +41,7 @@ def urdf_of(
     base: str,
     tip: str,
     frame: Callable[[str], str] = str,
+    joint: Callable[[str], str] = str,
 ) -> str:
     """Return a chain as URDF.
 
@@ -50,16 +51,17 @@ def urdf_of(
         name: of the robot.
         base, tip: names of the first and of the last link.
         frame: names a link as the frame that it is; by default as it is.
+        joint: names a joint; by default as it is.
     """
     robot = Element("robot", name=name)
     radius = _THICKNESS * max(chain.links_length, 0.1)
     by_name = dict(zip(chain.names, limits, strict=True))
     parent = frame(base)
     link = _link(robot, parent)
-    for joint in chain.joints:
-        _stick(link, joint.placement[:3, 3], radius)
-        child = frame(link_of(joint.name))
-        _joint(robot, joint, by_name[joint.name], parent, child)
+    for each in chain.joints:
+        _stick(link, each.placement[:3, 3], radius)
+        child = frame(link_of(each.name))
+        _joint(robot, each, joint(each.name), by_name[each.name], parent, child)
         parent, link = child, _link(robot, child)
     _stick(link, chain.tip[:3, 3], radius)
     fixed = SubElement(robot, "joint", name=f"{tip}_fixed", type="fixed")
@@ -73,11 +75,13 @@ def _link(robot: Element, name: str) -> Element:
     return SubElement(robot, "link", name=name)
 
 
-def _joint(robot: Element, joint: ChainJoint, limit: JointLimits, parent: str, child: str) -> None:
+def _joint(
+    robot: Element, joint: ChainJoint, name: str, limit: JointLimits, parent: str, child: str
+) -> None:
     bounded = math.isfinite(joint.lower) and math.isfinite(joint.upper)
     is_sliding = joint.kind is JointKind.PRISMATIC
     kind = joint.kind.value if bounded or is_sliding else "continuous"
-    element = SubElement(robot, "joint", name=joint.name, type=kind)
+    element = SubElement(robot, "joint", name=name, type=kind)
     _connect(element, parent, child, joint.placement)
     SubElement(element, "axis", xyz=_words(joint.axis))
     given = {"effort": limit.effort, "velocity": limit.velocity}

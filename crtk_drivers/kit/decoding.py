@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
-__all__ = ["BadData", "Decoder", "FrameDecoder", "LineDecoder"]
+__all__ = ["BadData", "Decoder", "FrameDecoder", "LineDecoder", "SeekingDecoder"]
 
 Message = TypeVar("Message")
 
@@ -93,3 +93,67 @@ class FrameDecoder(Generic[Message]):
             except ValueError as error:
                 raise BadData(f"{frame[:40].hex(' ')}: {error}") from error
         return found
+
+
+class SeekingDecoder(Generic[Message]):
+    """Frames out of a stream that may begin anywhere and may be damaged anywhere: what is none is left out.
+
+    Args:
+        head: bytes with which every frame begins.
+        size: returns how many bytes the frame at the start of a buffer has, 0 while that cannot be told;
+            raises ValueError if there is none.
+        parse: returns the message of a whole frame; raises ValueError if it is none.
+
+    Attributes:
+        corrupt: how many times bytes were left out between two frames that were sound.
+        strange: how many bytes were left out.
+    """
+
+    def __init__(
+        self, head: bytes, size: Callable[[bytes], int], parse: Callable[[bytes], Message]
+    ) -> None:
+        self.corrupt = self.strange = 0
+        self._head = head
+        self._size = size
+        self._parse = parse
+        self._rest = b""
+        self._left_out = 0
+        self._in_step = False
+
+    @property
+    def pending(self) -> int:
+        """How many bytes have come of a frame that is not whole yet."""
+        return len(self._rest)
+
+    def feed(self, data: bytes) -> list[Message]:
+        """Return the messages that `data` completes, oldest first."""
+        self._rest += data
+        found: list[Message] = []
+        while len(self._rest) >= len(self._head):
+            try:
+                if not self._rest.startswith(self._head):
+                    raise ValueError("no frame begins here")
+                size = self._size(self._rest)
+                if not 0 < size <= len(self._rest):
+                    break
+                message = self._parse(self._rest[:size])
+            except ValueError:
+                self._leave_out()
+                continue
+            self._rest = self._rest[size:]
+            self.corrupt += bool(self._left_out) and self._in_step
+            self._left_out, self._in_step = 0, True
+            found.append(message)
+        return found
+
+    def _leave_out(self) -> None:
+        """Go on to where the next frame may begin."""
+        at = self._rest.find(self._head, 1)
+        if at < 0:
+            cut = range(len(self._head) - 1, 0, -1)
+            at = len(self._rest) - next(
+                (size for size in cut if self._rest.endswith(self._head[:size])), 0
+            )
+        self._rest = self._rest[at:]
+        self._left_out += at
+        self.strange += at

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from typing_extensions import override
 
-__all__ = ["Holder", "holders", "lock_owner"]
+__all__ = ["Holder", "holder_of", "holders", "lock_owner"]
 
 _PROC: Final = Path("/proc")
 
@@ -37,7 +37,7 @@ def lock_owner(device: Path) -> Holder | None:
     for line in lines:
         fields = line.split()
         if "FLOCK" in fields and place in fields:
-            return _holder(int(fields[fields.index(place) - 1]))
+            return holder_of(int(fields[fields.index(place) - 1]))
     return None
 
 
@@ -45,7 +45,7 @@ def holders(device: Path) -> list[Holder]:
     """Return the other processes that have a port open, as far as we may see them."""
     number = os.stat(device).st_rdev
     others = [int(entry.name) for entry in _PROC.iterdir() if entry.name.isdigit()]
-    return [_holder(pid) for pid in others if pid != os.getpid() and _has_open(pid, number)]
+    return [holder_of(pid) for pid in others if pid != os.getpid() and _has_open(pid, number)]
 
 
 def _has_open(pid: int, number: int) -> bool:
@@ -64,7 +64,8 @@ def _is_device(file: Path, number: int) -> bool:
     return stat.S_ISCHR(status.st_mode) and status.st_rdev == number
 
 
-def _holder(pid: int) -> Holder:
+def holder_of(pid: int) -> Holder:
+    """Return a process with its command line, as far as we may see that."""
     try:
         words = (_PROC / str(pid) / "cmdline").read_bytes().split(b"\0")
     except OSError:

@@ -15,6 +15,8 @@ __all__ = ["MessageLink"]
 Message = TypeVar("Message")
 
 _PATIENCE: Final = 50.0
+_FLOOD: Final = 0.05
+"""Seconds in which all that has come can be read: what comes still is coming now."""
 
 
 class MessageLink(Generic[Message]):
@@ -64,7 +66,7 @@ class MessageLink(Generic[Message]):
         self._transport.write(data)
 
     def read(self, deadline: float) -> list[Message]:
-        """Return what has arrived, oldest first, as soon as there is a message; nothing by the deadline: [].
+        """Return what has arrived, oldest first, as soon as there is a message; none by the deadline: [].
 
         Raises:
             ConnectionLost: the connection is gone.
@@ -77,8 +79,8 @@ class MessageLink(Generic[Message]):
                 raise ProtocolError(
                     f"it sent {error}", where=self.where, remedy=self._remedy
                 ) from error
-            if messages:
-                return messages
+            if messages or time.monotonic() >= deadline:
+                return messages  # what goes on coming, and is no message, is waited for no longer
         return []
 
     def forget(self, quiet: float = 0.0) -> None:
@@ -91,8 +93,8 @@ class MessageLink(Generic[Message]):
         Raises:
             ConnectionLost: the connection is gone.
         """
-        end = time.monotonic() + _PATIENCE * quiet
+        end = time.monotonic() + max(_PATIENCE * quiet, _FLOOD)
         while self._transport.read(time.monotonic() + quiet):
-            if quiet and time.monotonic() > end:
+            if time.monotonic() > end:
                 break
         self._decoder = self._make_decoder()

@@ -22,6 +22,7 @@ from typing import Final, Self
 
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError, MissingExtra
 from crtk_drivers.kit import latency
+from crtk_drivers.kit.adapters import BY_ID
 from crtk_drivers.kit.holders import holders, lock_owner
 from crtk_drivers.kit.latency import Latency
 from crtk_drivers.kit.serial_server import OPEN_TIMEOUT, ServerAddress, connect, parse_address
@@ -36,13 +37,12 @@ __all__ = ["BITS_PER_BYTE", "SerialPort", "stable_name"]
 BITS_PER_BYTE: Final = 10
 """On the wire: a start bit, eight of data, a stop bit."""
 
-_BY_ID: Final = Path("/dev/serial/by-id")
 _PTY_MAJORS: Final = range(136, 144)
 _WRITE_PATIENCE: Final = 0.5
 _CHUNK: Final = 4096
 
 
-def stable_name(device: Path, by_id: Path = _BY_ID) -> Path | None:
+def stable_name(device: Path, by_id: Path = BY_ID) -> Path | None:
     """Return the name of a port that stays when the adapter is plugged in again, None if it has none."""
     target = device.resolve()
     try:
@@ -58,6 +58,8 @@ class SerialPort:
     Args:
         name: device file or a link to it, for example under /dev/serial/by-id; or ``socket://host:port``.
         baud: in bit/s; any that the adapter can do. That of a server is its own: this one must be the same.
+        parity: "none", "even" or "odd"; of a device file that is no pseudo-terminal, which has none.
+        data_bits: of a byte, 7 or 8; of a pseudo-terminal always 8.
         clock: monotonic seconds.
         by_id: where the stable names of ports are.
 
@@ -73,13 +75,17 @@ class SerialPort:
         name: str | Path,
         baud: int = 1_000_000,
         *,
+        parity: str = "none",
+        data_bits: int = 8,
         clock: Callable[[], float] = time.monotonic,
-        by_id: Path = _BY_ID,
+        by_id: Path = BY_ID,
     ) -> None:
         self.name = str(name)
         self.latency = Latency(None)
         self._server = parse_address(self.name)
         self._baud = baud
+        self._parity = parity[0].upper()  # as pyserial names them
+        self._data_bits = data_bits
         self._clock = clock
         self._by_id = by_id
         self._stable: Path | None = None
@@ -156,7 +162,8 @@ class SerialPort:
         if not is_pty and (others := holders(device)):
             raise self._in_use(", ".join(map(str, others)))
         try:
-            opened = serial.Serial(str(device), self._baud, timeout=0, exclusive=True)
+            parity, bits = (serial.PARITY_NONE, 8) if is_pty else (self._parity, self._data_bits)
+            opened = serial.Serial(str(device), self._baud, bits, parity, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:
             raise self._not_opened(device, error) from error
         self._opened_as = opened
@@ -205,6 +212,32 @@ class SerialPort:
                 remedy="Take a rate that the adapter knows.",
             ) from error
         self._baud = baud
+
+    def send_break(self, seconds: float) -> None:
+        """Hold the line at zero for so long; waits for it.
+
+        What hears it takes it for a byte of zeros without a stop bit. A pseudo-terminal carries no break, and
+        is written that byte.
+
+        Raises:
+            ConnectionLost: it is gone.
+            DeviceError: it is a server's, which has no way to say so.
+        """
+        opened = self._opened()
+        if isinstance(opened, socket.socket):
+            raise DeviceError(
+                "a break cannot be sent through a server",
+                where=self.where,
+                remedy="Send it there, or connect the line to this computer.",
+            )
+        try:
+            if self._is_pty(Path(opened.name)):
+                os.write(self._fd, b"\0")
+            opened.break_condition = True
+            time.sleep(seconds)
+            opened.break_condition = False
+        except OSError as error:
+            raise self._lost(error) from error
 
     def wire_time(self, size: int) -> float:
         """Return the seconds that so many bytes take on the wire."""

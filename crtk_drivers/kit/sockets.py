@@ -38,6 +38,8 @@ class _SocketTransport:
         remedy: what to do when it cannot be reached.
         aborted: asked every now and then while something is waited for: whether to give up; beside `abort`.
         clock: monotonic seconds.
+        send_buffer: bytes, some hundred of the system's own with each datagram, that may wait to be sent: as
+            datagrams do for a second while nobody answers for their address. 0: as many as the system lets.
     """
 
     _kind: socket.SocketKind
@@ -52,6 +54,7 @@ class _SocketTransport:
         *,
         aborted: Callable[[], bool] = _never,
         clock: Callable[[], float] = time.monotonic,
+        send_buffer: int = 0,
     ) -> None:
         self.host = host
         self.port = port
@@ -59,6 +62,7 @@ class _SocketTransport:
         self._remedy = remedy
         self._asked = aborted
         self._clock = clock
+        self._send_buffer = send_buffer
         self._aborted = False
         self._socket: socket.socket | None = None
 
@@ -85,6 +89,8 @@ class _SocketTransport:
             )[0]
             self._socket = peer = socket.socket(family, kind, protocol)
             peer.setblocking(False)
+            if self._send_buffer:
+                peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self._send_buffer)
             self._prepare(peer)
             code = peer.connect_ex(address)
             if code == errno.EINPROGRESS:
@@ -143,7 +149,9 @@ class _SocketTransport:
         """
         try:
             if self._peer.send(data) != len(data):
-                raise BlockingIOError(errno.EAGAIN, "its buffer is full")
+                raise BlockingIOError
+        except BlockingIOError as error:
+            raise self._lost(OSError(errno.EAGAIN, "its buffer is full")) from error
         except OSError as error:
             raise self._lost(error) from error
 

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator
+from typing import Final
 
 __all__ = ["until"]
+
+
+LATE_LOOKS: Final = 5
+"""Cycles in which something that is asked for can be told, if it has come to be so."""
 
 
 def until(condition: Callable[[], bool], timeout: float) -> Generator[None, None, bool]:
@@ -16,11 +21,13 @@ def until(condition: Callable[[], bool], timeout: float) -> Generator[None, None
         timeout: seconds.
 
     Returns:
-        whether it holds; False when `timeout` is over.
+        whether it holds; False when `timeout` is over, and `LATE_LOOKS` cycles more: who was held up has
+        not looked for as long.
     """
-    deadline = time.monotonic() + timeout
+    deadline, late = time.monotonic() + timeout, 0
     while not condition():
-        if time.monotonic() > deadline:
+        late += time.monotonic() > deadline
+        if late > LATE_LOOKS:
             return False
         yield
     return True

@@ -24,11 +24,10 @@ def device_command(device: LabDevice, settings: Path) -> tuple[str, ...]:
     simulated = ["--sim"] if device.sim else []
     for key, value in device.sim_options.items():
         simulated += ["--sim-set", f"{key}={json.dumps(value)}"]
-    if device.felt_on:
-        for key in ("mounting", "tool"):
-            value = getattr(device.entry, key).model_dump(exclude_none=True)
+    if device.coupled is not None:
+        coupled = device.coupled.model_dump(exclude_none=True, exclude_unset=True)
+        for key, value in coupled.items():
             simulated += ["--sim-carried", f"{key}={json.dumps(value)}"]
-        simulated += ["--sim-carried", f"on={device.felt_on}"]
     return (
         *(sys.executable, "-m", "crtk_drivers.cli", device.plugin.name),
         *("--ns", device.namespace, "--config", str(settings.resolve())),

@@ -21,6 +21,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from graphlib import CycleError, TopologicalSorter
 from operator import attrgetter
 from pathlib import Path
@@ -43,6 +44,7 @@ from crtk_drivers.config import (
 )
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
 from crtk_drivers.labs.carried import Carried
+from crtk_drivers.motion.teleop.teleop_settings import TeleopSettings
 from crtk_drivers.plugins import DevicePlugin
 
 NAME: Final = r"^[A-Za-z][A-Za-z0-9_]*$"
@@ -63,11 +65,24 @@ class ToolEntry(Settings):
     )
 
 
+class MarkerEntry(Settings):
+    """A marker of a tracker on an arm."""
+
+    on: str = Field(description="The device that carries it.")
+    mounting: PoseConfig = Field(
+        default=PoseConfig(),
+        description="Its pose in the frame of the `measured_cp` of `on`: what is true, which is told to a "
+        "simulator alone.",
+    )
+
+
 class CarriedEntry(Settings):
-    """A sensor on an arm, and what hangs on it."""
+    """A sensor on an arm, and what hangs on it; or a tracker, and its markers on arms."""
 
     on: str = Field(
-        default="", description="The device that carries it: a sensor or a gripper on an arm."
+        default="",
+        description="The device that carries it: a sensor or a gripper on an arm; or the gripper between "
+        "whose fingers a sensor lies.",
     )
     mounting: PoseConfig = Field(
         default=PoseConfig(),
@@ -79,13 +94,35 @@ class CarriedEntry(Settings):
         description="Of a sensor: what really hangs on it. Its simulator feels the weight, if `on` is "
         "simulated too, and the bench holds what it finds against it.",
     )
+    markers: dict[str, MarkerEntry] = Field(
+        default_factory=dict,
+        description="Of a tracker: its tools that are fixed to arms, by their names. Its simulator sees them "
+        "where these are, if they are simulated too and `stands` is given; the bench moves the first one.",
+    )
+    stands: PoseConfig | None = Field(
+        default=None,
+        description="Of a tracker: its pose in the frame in which the arms tell their poses: what is true, "
+        "which is told to its simulator alone.",
+    )
 
     @model_validator(mode="after")
     def _has_carrier(self) -> Self:
         for key in ("mounting", "tool"):
             if key in self.model_fields_set and not self.on:
                 raise ValueError(f"{key}: needs `on`, the device that carries it")
+        if self.stands is not None and not self.markers:
+            raise ValueError("stands: needs `markers`, the tools that are on arms")
         return self
+
+    @property
+    def carriers(self) -> tuple[str, ...]:
+        """The devices that carry it or its markers, each once: the one that the bench moves comes first."""
+        every = (*(marker.on for marker in self.markers.values()), self.on)
+        return tuple(dict.fromkeys(name for name in every if name))
+
+    def markers_on(self, carrier: str) -> tuple[str, ...]:
+        """Return the names of its markers that a device carries."""
+        return tuple(name for name, marker in self.markers.items() if marker.on == carrier)
 
     @property
     def carried(self) -> Carried:
@@ -181,6 +218,9 @@ class LabSettings(Settings):
     bounds: dict[str, BoundEntry] = Field(
         default_factory=dict, description="By the id of a measurement of the bench."
     )
+    teleop: TeleopSettings | None = Field(
+        default=None, description="For `crtk-driver teleop`: who leads and who follows."
+    )
 
 
 @dataclass(frozen=True)
@@ -196,8 +236,8 @@ class LabDevice:
         sim: it is simulated.
         sim_options: of its simulator.
         after: names of the devices that must measure before.
-        felt_on: namespace of the simulated device that carries it, if its own simulator feels its tool as
-            that one turns; empty if it does not.
+        coupled: what its simulator follows, the carriers by their namespaces; None if nothing: neither it
+            nor these are real.
         entry: as it was written, with all that concerns the bench.
     """
 
@@ -210,7 +250,7 @@ class LabDevice:
     sim_options: Mapping[str, Any]
     after: tuple[str, ...]
     entry: DeviceEntry
-    felt_on: str = ""
+    coupled: CarriedEntry | None = None
 
     @property
     def simulated(self) -> bool:
@@ -256,6 +296,60 @@ class Lab:
     bound_places: Mapping[str, str] = field(default_factory=dict)
 
 
+class TeleopLabSettings(LabSettings):
+    """A lab of which nothing but the teleoperation is used: its devices may be none of ours."""
+
+    devices: dict[str, DeviceEntry] = Field(default_factory=dict, description="By name.")
+    teleop: TeleopSettings = Field(description="Who leads and who follows.")
+
+
+@dataclass(frozen=True)
+class LabTeleop:
+    """The teleoperation of a lab file, and the namespaces of the two."""
+
+    settings: TeleopSettings
+    leader: str
+    follower: str
+
+
+def load_teleop(path: str | Path) -> LabTeleop:
+    """Read the table ``[teleop]`` of a lab file. The settings of its devices are not looked at.
+
+    Raises:
+        ConfigError: with what is wrong, and the line.
+    """
+    layer = from_file(path)
+    settings = load(TeleopLabSettings, layer)
+    leader, follower = (
+        _namespace_of(getattr(settings.teleop, side), settings, layer.place(("teleop", side)))
+        for side in ("leader", "follower")
+    )
+    if leader == follower:
+        raise ConfigError(
+            f"leader and follower are both {leader}",
+            where=layer.place(("teleop", "follower")),
+            remedy="A device cannot follow itself.",
+        )
+    return LabTeleop(settings.teleop, leader, follower)
+
+
+def _namespace_of(name: str, settings: LabSettings, place: str) -> str:
+    """Return the namespace of a device of the lab, or of any device, that is named by its namespace."""
+    if re.fullmatch(NAMESPACE, name):
+        return name
+    if name not in settings.devices:
+        meant = get_close_matches(name, settings.devices, 1)
+        raise ConfigError(
+            f"there is no device {name!r}",
+            where=place,
+            remedy=f"Did you mean {meant[0]!r}?"
+            if meant
+            else f"Give one of this file ({', '.join(settings.devices) or 'it has none'}), or the "
+            "namespace of any: /MTMR.",
+        )
+    return settings.devices[name].namespace or f"/{name}"
+
+
 def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ()) -> Lab:
     """Read a lab file and check all that it says, the settings of every device included.
 
@@ -276,6 +370,10 @@ def load_lab(path: str | Path, *, sim: bool = False, only: tuple[str, ...] = ())
     wanted = {name: settings.devices[name] for name in settings.devices if not only or name in only}
     found = {name: _device(name, entry, layer, path, sim) for name, entry in wanted.items()}
     _check_alone(found, layer)
+    if settings.teleop is not None:
+        for side in ("leader", "follower"):
+            name = getattr(settings.teleop, side)
+            _namespace_of(name, settings, layer.place(("teleop", side)))
     order = _ordered(found, settings, layer)
     devices = {name: _coupled(found[name], found) for name in order}
     programs = {} if only else dict(_programs(settings, layer))
@@ -294,6 +392,14 @@ def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) ->
     config: Any = load(with_node(plugin.config), below, own)
     if entry.sim and plugin.sim is None:
         raise ConfigError(f"{entry.plugin} has no simulator", where=place, remedy="Leave sim out.")
+    known = plugin.markers(config)
+    for marker in entry.markers:
+        if marker not in known:
+            raise ConfigError(
+                f"there is no tool {marker!r} that it sees",
+                where=lab.place(("devices", name, "markers")),
+                remedy=f"There is: {', '.join(known) or 'none'}.",
+            )
     simulator = plugin.sim if entry.sim or sim else None
     if simulator is not None:
         model = plugins.simulator(simulator).Config
@@ -312,19 +418,27 @@ def _device(name: str, entry: DeviceEntry, lab: Layer, path: Path, sim: bool) ->
         values_of(below, own),
         simulator is not None,
         entry.sim_options if simulator is not None else {},
-        tuple(dict.fromkeys((*((entry.on,) if entry.on else ()), *entry.after))),
+        tuple(dict.fromkeys((*entry.carriers, *entry.after))),
         entry,
     )
 
 
 def _coupled(device: LabDevice, devices: Mapping[str, LabDevice]) -> LabDevice:
-    """Return a device that knows whether its simulator feels its tool: nothing of it is real."""
-    carrier = devices.get(device.entry.on)
-    if device.entry.tool is None or carrier is None or not device.sim:
-        return device
-    if device.plugin.sim_load is None or not carrier.simulated:
-        return device
-    return replace(device, felt_on=carrier.namespace)
+    """Return a device that knows what its simulator follows: nothing of it is real."""
+    entry, plugin = device.entry, device.plugin
+    where = {name: each.namespace for name, each in devices.items() if each.simulated}
+    given: dict[str, Any] = {}
+    if entry.tool is not None and entry.on in where and plugin.sim_load is not None:
+        given |= {"on": where[entry.on], "mounting": entry.mounting, "tool": entry.tool}
+    if entry.stands is not None and plugin.sim_put is not None:
+        known = plugin.markers(device.config)
+        seen = {
+            name: marker.model_copy(update={"on": where[marker.on]})
+            for name, marker in entry.markers.items()
+            if marker.on in where and known[name]
+        }
+        given |= {"markers": seen, "stands": entry.stands} if seen else {}
+    return replace(device, coupled=CarriedEntry(**given)) if given and device.sim else device
 
 
 def _part(lab: Layer, key: tuple[str, ...], values: Mapping[str, Any]) -> Layer:

@@ -7,12 +7,13 @@ is gone, so that no driver outlives its lab.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import logging
 import os
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -41,7 +42,13 @@ USAGE_ERROR: Final = 2
 LOOK_PERIOD: Final = 0.1
 """Seconds between two looks at the processes."""
 
+SILENCE: Final = 5.0
+"""Seconds after the last report of a device that lives, after which nobody knows whether it measures."""
+
 CPU_PERIOD: Final = 1.0
+
+_PR_SET_PDEATHSIG: Final = 1
+_PRCTL: Final = ctypes.CDLL(None).prctl  # looked for now: not between fork and exec
 
 logger = logging.getLogger(__name__)
 
@@ -71,6 +78,7 @@ class Child:
         reports: it is a device, and tells how it is.
         phase: what it is doing.
         report: the newest, if it is a device that lives.
+        heard: monotonic seconds at which it came.
         restarts: how often it was started again.
         code: with which it ended last; negative: the signal.
         why: what is to be said of it: why it waits, or ended.
@@ -84,6 +92,7 @@ class Child:
     reports: bool
     phase: Phase = Phase.WAITING
     report: Report | None = None
+    heard: float = 0.0
     restarts: int = 0
     code: int | None = None
     why: str = ""
@@ -99,8 +108,11 @@ class Child:
 
     @property
     def is_ready(self) -> bool:
-        """Whether it is a device that is connected and measures."""
-        return self.phase is Phase.RUNNING and self.report is not None and self.report.measures
+        """Whether it is a device that is connected and measures, and has said so lately."""
+        report, age = self.report, time.monotonic() - self.heard
+        return (
+            self.phase is Phase.RUNNING and report is not None and report.measures and age < SILENCE
+        )
 
 
 class Supervisor:
@@ -166,7 +178,9 @@ class Supervisor:
             for child in group:
                 child.phase = Phase.STOPPING if child in running else Phase.ENDED
             for child in running:
-                _signal(child, signal.SIGINT)
+                # Python forgets a SIGINT that interrupts an import: a device that is still starting
+                # would go on.
+                _signal(child, signal.SIGTERM if child.reports else signal.SIGINT)
             deadline = time.monotonic() + STOP_TIMEOUT
             while any(child.process is not None for child in running):
                 for child in running:
@@ -208,21 +222,16 @@ class Supervisor:
         reading, writing = os.pipe2(os.O_CLOEXEC)
         os.set_blocking(reading, False)
         environment = {**os.environ, REPORT_FD: str(writing)} if child.reports else None
-        child.log_file = child.log.open("ab", buffering=0)
         try:
-            child.process = subprocess.Popen(
-                child.command,
-                stdin=subprocess.DEVNULL,
-                stdout=child.log_file,
-                stderr=subprocess.STDOUT,
-                cwd=self.lab.path.parent,
-                env=environment,
-                pass_fds=(writing,) if child.reports else (),
-                start_new_session=True,  # Ctrl-C reaches us alone, and we stop them in order
-            )
+            child.log_file = child.log.open("ab", buffering=0)
+            files = (writing,) if child.reports else ()
+            log, folder = child.log_file.fileno(), self.lab.path.parent
+            child.process = _start(child.command, log, folder, environment, files)
         except OSError as error:
             os.close(reading)
-            child.log_file.close()
+            if child.log_file is not None:
+                child.log_file.close()
+                child.log_file = None
             self._ended(child, now, f"cannot be started: {error}", again=False)
         else:
             child.pipe, child.rest, child.report = reading, b"", None
@@ -257,7 +266,7 @@ class Supervisor:
     def _take_reports(self, child: Child) -> None:
         reports, child.rest = read_reports(child.pipe, child.rest)
         if reports:
-            was, child.report = child.is_ready, reports[-1]
+            was, child.report, child.heard = child.is_ready, reports[-1], time.monotonic()
             if child.is_ready and not was:
                 took = time.monotonic() - child.began
                 logger.info("%s: measures, %.1f s after its start", child.name, took)
@@ -282,7 +291,6 @@ class Supervisor:
             self._take_reports(child)
         if killed:
             _signal(child, signal.SIGKILL)
-            process.wait()
         code = process.poll()
         if code is None:
             return True
@@ -306,13 +314,39 @@ class Supervisor:
             child.log_file = None
 
 
+def _start(
+    command: Sequence[str],
+    log: int,
+    folder: Path,
+    environment: Mapping[str, str] | None,
+    files: Sequence[int],
+) -> subprocess.Popen[bytes]:
+    """Start a device, which has `files` to report over, or a program, which has none."""
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+        cwd=folder,
+        env=environment,
+        pass_fds=files,
+        start_new_session=True,  # Ctrl-C reaches us alone, and we stop them in order
+        preexec_fn=None if files else _end_with_us,
+    )
+
+
+def _end_with_us() -> None:
+    """Let a program get SIGTERM when this process is killed: else it commands the devices of the next one."""
+    _PRCTL(_PR_SET_PDEATHSIG, int(signal.SIGTERM), 0, 0, 0)
+
+
 def _signal(child: Child, number: signal.Signals) -> None:
     """Send a signal to a process; a program's children, such as those of a shell, get it too."""
     process = child.process
     if process is None:
         return
     with contextlib.suppress(ProcessLookupError):
-        if child.reports and number is signal.SIGINT:
+        if child.reports and number is not signal.SIGKILL:
             process.send_signal(number)
         else:
             os.killpg(process.pid, number)

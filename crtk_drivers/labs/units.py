@@ -144,7 +144,7 @@ RestartSteps={_STEPS}
 RestartMaxDelaySec={LONGEST_DELAY:g}
 RestartPreventExitStatus={USAGE_ERROR}
 KillMode=mixed
-KillSignal=SIGINT
+KillSignal=SIGTERM
 TimeoutStopSec={STOP_TIMEOUT:g}
 """
         + _HARDENED

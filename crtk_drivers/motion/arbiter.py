@@ -23,6 +23,23 @@ from crtk_drivers.geometry.frames import both
 from crtk_drivers.motion.move import Move
 from crtk_drivers.options import EngineOptions
 from crtk_drivers.samples import EMPTY, Pose, Value, Vector, empty, vector
+from crtk_drivers.trajectory.tolerances import Tolerances
+from crtk_drivers.trajectory.waypoints import Spline
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """A trajectory that is to be gone along.
+
+    Attributes:
+        spline: the trajectory.
+        starts: monotonic seconds at which its time is 0; None: when its order is begun.
+        tolerances: within which the joints are to be.
+    """
+
+    spline: Spline
+    starts: float | None
+    tolerances: Tolerances
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,10 +55,12 @@ class Order:
         target: of a stream that goes on between its commands.
         displacement: of a relative Cartesian command, in the frame of its sub-namespace.
         goal: of a move.
+        path: of a move that goes along a given trajectory.
         joints: (n,) where the goal lies.
         goals: what ``goal_*`` will say of a move.
         move: its handle.
         stamp_ns: the sender's stamp, 0 if it gave none.
+        after_hold: it took the place of a `hold` that was not carried out yet: refused, it leaves that.
     """
 
     name: str
@@ -50,10 +69,12 @@ class Order:
     target: Value | None = None
     displacement: Pose | None = None
     goal: Goal | None = None
+    path: Path | None = None
     joints: Vector = field(default_factory=empty)
     goals: Mapping[str, Value] = field(default_factory=dict)
     move: Move | None = None
     stamp_ns: int = 0
+    after_hold: bool = False
 
     @property
     def frame(self) -> str:
@@ -175,15 +196,22 @@ class Arbiter:
                 self._stream = ""
             elif self._stream and self._holder is None:
                 self._holder = client
-            replaced = self._order.move if self._order is not None else None
-            self._order = combined(self._order, order)
+            before = self._order
+            replaced = before.move if before is not None else None
+            self._order = combined(before, order)
+            if before is not None and (before.after_hold or before.name == "hold"):
+                self._order = replace(self._order, after_hold=True)
         return replaced
 
     @property
-    def move_waits(self) -> bool:
-        """Whether a move lies in the mailbox, not begun yet."""
+    def waiting_move(self) -> Move | None:
+        """The move that lies in the mailbox, not begun yet; None if there is none."""
         order = self._order
-        return order is not None and order.move is not None
+        return None if order is None else order.move
+
+    def silent_for(self, now: float) -> float:
+        """Return the seconds since the newest command of a stream came."""
+        return now - self._streamed
 
     def streams(self, now: float) -> bool:
         """Whether an order lies in the mailbox, or a stream's last command came within its dwell."""

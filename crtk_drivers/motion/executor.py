@@ -145,6 +145,7 @@ class MotionExecutor:
     def _step(self, order: Order | None, now: float) -> str:
         try:
             self._output.watch(now)
+            order = self._still_meant(order, now)
             if isinstance(self._activity, Pending):
                 order = self._waited(self._activity, order, now)
             activity = self._activity
@@ -161,6 +162,23 @@ class MotionExecutor:
         except Exception as error:
             raise self._broken(order, error) from error
         return ""
+
+    def _still_meant(self, order: Order | None, now: float) -> Order | None:
+        """Refuse what waited until its stream was long over: its client may be gone, or want it no more."""
+        if order is None or not order.is_stream:
+            return order
+        waited, options = self._arbiter.silent_for(now), self._context.options
+        if waited <= max(options.silence(order.level), options.sample_timeout):
+            return order
+        remedy = "Send it again. The machine was busy: see the counters in diagnostics."
+        self._turn_down(
+            order, self._too_old(order, f"{waited:.3f} s for the I/O thread", remedy), now
+        )
+        return None
+
+    def _too_old(self, order: Order, waited: str, remedy: str) -> CommandRefused:
+        text = f"it waited {waited}, and no other came"
+        return CommandRefused(order.name, Reason.TOO_OLD, text, where=self._where, remedy=remedy)
 
     def _broken(self, order: Order | None, error: Exception) -> DeviceFault:
         """Refuse the command that failed unexpectedly, and return the fault that stops the device."""
@@ -233,9 +251,9 @@ class MotionExecutor:
                 stream = kind(order.name, self._context, now)
             stream.feed(order, now)
         except CommandRefused as refusal:
-            self._refuse(refusal, order)  # and what was going on goes on
             if isinstance(self._activity, Pending):
                 self._activity = None
+            self._turn_down(order, refusal, now)
             return
         self._replace(stream, order.name)
         stream.stamp_ns = order.stamp_ns
@@ -243,6 +261,14 @@ class MotionExecutor:
         if order.level is Level.INTERPOLATE:
             self._context.latch(stream.goals, order.stamp_ns)
         stream.step(now, self._output)
+
+    def _turn_down(self, order: Order, refusal: CommandRefused, now: float) -> None:
+        """Refuse what was accepted; what was going on goes on, but for a `hold` that came before it."""
+        self._refuse(refusal, order)
+        if order.after_hold:
+            self._begin(Order("hold"), now)
+        elif self._activity is None or self._activity.move is None:
+            self._not_busy()  # it may have taken the place of a move
 
     def _stream_class(self, order: Order) -> type[Stream]:
         """Return what carries out the stream of `order`."""
@@ -280,7 +306,7 @@ class MotionExecutor:
 
     def _must_rest(self, order: Order) -> bool:
         """Whether the hardware has to come to rest before it can follow the setpoints of `order`."""
-        is_ours = order.goal is not None and not is_native(order.goal, self._capabilities)
+        is_ours = order.goal is not None and not is_native(order, self._capabilities)
         if not (order.is_stream or is_ours):
             return False
         if isinstance(self._activity, NativeMove | FreeDrive):
@@ -312,7 +338,7 @@ class MotionExecutor:
                 target = direct_target(order, self._context)
                 self._limiter.judge(order.name, target, self._feedback.before(target.mode))
             except CommandRefused as refusal:
-                self._refuse(refusal, order)  # and what was going on goes on
+                self._turn_down(order, refusal, now)
                 return
         was_free = self.is_free
         self._replace(Pending(order, now, now), order.name)
@@ -332,10 +358,13 @@ class MotionExecutor:
             pending = Pending(order, pending.since, now)
             self._replace(pending, newer.name)
         order = pending.order
-        goes_by_itself = find(order.name).kind in (Kind.VELOCITY, Kind.EFFORT)
-        if goes_by_itself and now - pending.fed > self._context.options.silence(order.level):
+        waited = now - pending.fed
+        if order.is_stream and waited > self._context.options.silence(order.level):
             self._health.stream_timeouts += 1
             self._activity = None
+            remedy = "Go on sending while it comes to rest."
+            text = f"{waited:.3f} s for the hardware to come to rest"
+            self._refuse(self._too_old(order, text, remedy), order)
             return None
         if self._device.takes_setpoints:
             return order
@@ -416,5 +445,5 @@ class MotionExecutor:
     def _not_busy(self) -> None:
         """Announce that no move is running, unless the next one has been accepted."""
         with self._board.lock:
-            if self._board.status.is_busy and not self._arbiter.move_waits:
+            if self._board.status.is_busy and self._arbiter.waiting_move is None:
                 self._board.update(busy=False)

@@ -298,20 +298,20 @@ class Feedback:
     def reference_pose(self, native: bool = False) -> Pose | None:
         """Return the tool pose (base frame) that relative poses start from; None if it is not known.
 
+        Of hardware that measures none it is what that reports as its own setpoint.
+
         Args:
             native: prefer what the hardware reports as its own, which may know the arm better.
         """
-        sample, pose = self.sample, self.active.pose
-        if native and sample is not None:
-            own = sample.values.get("setpoint_cp")
-            if isinstance(own, Pose):
-                return own
+        pose = self.active.pose
+        if native and (own := self._own_pose()) is not None:
+            return own
         if pose.size:
             return Pose(pose[:3], pose[3:], self._capabilities.base_frame)
         joints, kinematics = self.reference_joints(), self.device.kinematics
         if joints.size and kinematics is not None:
             return kinematics.forward(joints)
-        return self.measured_pose()
+        return self._pose_at_rest()
 
     def reference_twist(self, now: float) -> Vector:
         """Return the twist (6,) of the tool, base axes, that a new motion starts from."""
@@ -355,7 +355,7 @@ class Feedback:
         if mode is Mode.CARTESIAN_POSITION:
             if self.active.pose.size:
                 return self.active.pose
-            pose = self.measured_pose()
+            pose = self._pose_at_rest()
             return EMPTY if pose is None else vector((*pose.position, *pose.orientation))
         return self.moved_on(now)
 
@@ -402,6 +402,15 @@ class Feedback:
         if joints.size and kinematics is not None:
             return kinematics.forward(joints)
         return None
+
+    def _pose_at_rest(self) -> Pose | None:
+        return self.measured_pose() or self._own_pose()
+
+    def _own_pose(self) -> Pose | None:
+        """Return the setpoint (base frame) that the hardware reports as its own; None if it does not."""
+        sample = self.sample
+        own = sample.values.get("setpoint_cp") if sample is not None else None
+        return own if isinstance(own, Pose) else None
 
     @property
     def measured(self) -> JointState:

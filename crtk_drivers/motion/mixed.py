@@ -45,6 +45,7 @@ class MixedJointStream(ServoStream):
         self._position = position
         self._wanted = vector(np.zeros(position.size))
         self._moves = np.zeros(position.size, dtype=bool)
+        self._begins = True
 
     @override
     def feed(self, order: Order, now: float) -> None:
@@ -54,7 +55,11 @@ class MixedJointStream(ServoStream):
         goes, moves = modes == AxisMode.POSITION, modes == AxisMode.VELOCITY
         if goes.any():
             position = vector(np.where(goes, value.position, here))
-            self._context.limiter.check_speed(self.name, position, here, now)
+            limiter = self._context.limiter
+            if self._begins:
+                limiter.check_start(self.name, position, here, self._velocity)
+            limiter.check_speed(self.name, position, here, now)
+        self._begins = False
         self._position, self._moves = position, ~goes
         self._wanted = value.velocity if moves.any() else vector(np.zeros(here.size))
         self._silence.feed(now)

@@ -6,6 +6,7 @@ what only inverse kinematics or the distance from the present setpoint can tell.
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -14,16 +15,18 @@ from crtk_drivers.commands import Command, Kind, Level, Space
 from crtk_drivers.device import FULL, Goal, Mode, Ratios, Setpoint, mode_of
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.geometry.frames import pose_in_base, product, wrench_in_base
-from crtk_drivers.motion.arbiter import Order
+from crtk_drivers.motion.arbiter import Order, Path
 from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.mixed import aimed
 from crtk_drivers.motion.move import Move
+from crtk_drivers.motion.stopping import still_speeds
 from crtk_drivers.samples import (
     EMPTY,
     AxisMode,
     CartesianServo,
     JointServo,
     JointState,
+    JointTrajectory,
     Pose,
     Twist,
     Value,
@@ -32,6 +35,9 @@ from crtk_drivers.samples import (
     joint_values,
     vector,
 )
+from crtk_drivers.trajectory.checks import TrajectoryCheck
+from crtk_drivers.trajectory.tolerances import UNLIMITED, Tolerances, limits_of
+from crtk_drivers.trajectory.waypoints import JoinedPath, Spline
 
 
 class OrderMaker:
@@ -55,6 +61,8 @@ class OrderMaker:
         self._check = context.check
         self._limiter = context.limiter
         self._feedback = context.feedback
+        self._max_step = context.options.limits.max_step
+        self._ways = TrajectoryCheck(capabilities, context.where)
         self._where = context.where
         moves_joints = (
             Mode.JOINT_POSITION in capabilities.modes or "move_jp" in capabilities.native_moves
@@ -72,6 +80,8 @@ class OrderMaker:
             value = self._in_base(command, value)
         elif isinstance(value, CartesianServo):
             value = replace(value, task=self._in_base(command, value.task))
+        if isinstance(value, JointTrajectory):
+            return self._follow(command, value, now)
         if command.level is Level.MOVE:
             return self._move(command, value, now)
         if command.level is Level.INTERPOLATE:
@@ -166,7 +176,8 @@ class OrderMaker:
         kinematics = self._device.kinematics
         if Mode.JOINT_EFFORT not in self._modes or kinematics is None:
             raise self._unsupported(command, used)
-        jacobian = kinematics.jacobian(self._feedback.measured.position)
+        joints, _ = self._feedback.measured_state()
+        jacobian = kinematics.jacobian(joints.position)
         return self._direct(command, Setpoint(Mode.JOINT_EFFORT, vector(jacobian.T @ wrench)))
 
     def _require_some(self, command: Command, used: set[AxisMode]) -> None:
@@ -225,6 +236,39 @@ class OrderMaker:
             target = vector(self._inverse.reference(command) + target)
             self._check.check_target(command, target)
         return self._order_to(command, Goal(joints=target, ratios=self.ratios), target)
+
+    def _follow(self, command: Command, value: JointTrajectory, now: float) -> Order:
+        trajectory = self._ways.checked(value, now_ns := time.time_ns())
+        spline = Spline(
+            trajectory.times,
+            trajectory.positions,
+            trajectory.velocities,
+            trajectory.accelerations,
+        )
+        self._ways.check_way(spline)
+        ahead = 1e-9 * (trajectory.start_ns - now_ns) if trajectory.start_ns else 0.0
+        self._inverse.reference(command)
+        limits = self._capabilities.limits
+        joined = JoinedPath(spline, -ahead, self._feedback.motion(now), limits)
+        self._ways.check_start(joined.off, self._max_step)
+        if joined.lead is not None:
+            self._ways.check_way(joined.lead)
+        tolerances = self._tolerances_of(trajectory)
+        path = Path(spline, now + ahead if trajectory.start_ns else None, tolerances)
+        goal = vector(trajectory.positions[-1])
+        return replace(self._order_to(command, Goal(joints=goal), goal), path=path)
+
+    def _tolerances_of(self, trajectory: JointTrajectory) -> Tolerances:
+        capabilities = self._capabilities
+        count, following = len(capabilities.joints), capabilities.following
+        free = (UNLIMITED,) * count
+        arrival = free if following is None else following.arrival
+        still = still_speeds(capabilities)
+        return Tolerances(
+            limits_of(capabilities.joints, trajectory.path, free, free),
+            limits_of(capabilities.joints, trajectory.goal, arrival, still),
+            trajectory.goal_time,
+        )
 
     def _move_pose(self, command: Command, value: Pose, now: float) -> Order:
         if command.is_relative:

@@ -55,13 +55,13 @@ class Output:
         """Send a point that has passed the limits; see `send_limited`."""
         setpoint = point.setpoint
         self._write(setpoint)
-        self._context.health.setpoints += 1
         self.last = setpoint
         if setpoint.mode is Mode.JOINT_POSITION:
             self._follows.sent(setpoint.values, self._feedback.measured.position, now)
         else:
             self._follows.forget()
         self._feedback.sent(point, now, stamp_ns)
+        self._context.health.setpoints += 1  # who sees it counted is told it
 
     def repeat(self) -> None:
         """Send the setpoint in force again, if there is one and the hardware wants it in each cycle."""

@@ -9,17 +9,23 @@ declares (`StopPolicy.time`) it counts as not carried out. Hardware that somebod
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 
-from crtk_drivers.device import Device
+from crtk_drivers.device import Capabilities, Device
 from crtk_drivers.samples import JointState, Sample, Vector
+
+logger = logging.getLogger(__name__)
 
 UNSEEN = "a stop could not be read back"
 """What is said of one whose end nobody saw, since the link was lost before."""
 
 REPEAT: float = 0.05
 """Seconds after which a stop that was not carried out is sent again."""
+
+HELD_UP: float = 0.1
+"""Seconds, besides two cycles, which count at most between two looks: who was held up has not looked."""
 
 _STILL = 0.03
 """Share of its velocity limit below which a joint stands: noise."""
@@ -37,6 +43,23 @@ _SHORTEST = 1e-3
 """Seconds between two positions from which a speed can be told."""
 
 
+def still_speeds(
+    capabilities: Capabilities, steps: tuple[float, ...] | None = None
+) -> tuple[float, ...]:
+    """Return the speed of each joint, in rad/s (m/s), below which it stands.
+
+    Args:
+        capabilities: of the device.
+        steps: of the velocities that it measures; None: as it declares them.
+    """
+    declared = capabilities.velocity_resolution if steps is None else steps
+    steps = declared or (0.0,) * len(capabilities.joints)
+    return tuple(
+        max(_STILL * limit.velocity, _FLICKER * step)
+        for limit, step in zip(capabilities.limits, steps, strict=True)
+    )
+
+
 class Stopping:
     """The stops of one device. Belongs to the I/O thread.
 
@@ -50,24 +73,22 @@ class Stopping:
         self._device = device
         self._clock = clock
         self._joints = capabilities.joints
-        steps = capabilities.velocity_resolution or (0.0,) * len(self._joints)
-        self._still = [
-            max(_STILL * limit.velocity, _FLICKER * step)
-            for limit, step in zip(capabilities.limits, steps, strict=True)
-        ]
+        self._still = still_speeds(capabilities)
         self._time = capabilities.stop.time
         self._can_move = bool(
-            capabilities.joints
-            or capabilities.modes
+            capabilities.modes
             or capabilities.native_moves
             or capabilities.has_free
+            or capabilities.needs_homing
         )
         self._asked = -math.inf
-        self._passed = self._counted = 0.0
+        self._longest_look = HELD_UP + 2.0 / capabilities.rate
+        self._passed = self._watched_for = self._counted = 0.0
         self._sent = -math.inf
         self._watches = False
         self._position: tuple[float, Vector] | None = None
         self._moving = ""
+        self._last_seen = ""
 
     @property
     def confirmed(self) -> bool:
@@ -86,12 +107,23 @@ class Stopping:
         self._watches, self._sent = self._can_move, now
         self._device.stop()
 
+    def left(self) -> None:
+        """Tell the device that it is not ENABLED any more; `stop` follows, whatever becomes of that.
+
+        From any thread.
+        """
+        try:
+            self._device.left()
+        except Exception:
+            logger.exception("%s: what it does when ENABLED is left", self._device.address)
+
     def moves_again(self) -> None:
         """A motion is begun on purpose: the stop before it is not watched any more."""
         self._watches = False
 
     def begin_anew(self) -> None:
         """Give a stop that was not read back its time once more: after a connection, or once power is off."""
+        self._still = still_speeds(self._device.capabilities, self._device.velocity_steps)
         self._position = None
         self._sent = -math.inf
         self._begin(self._clock())
@@ -106,14 +138,18 @@ class Stopping:
             self._look(sample)
         if not self._watches:
             return
-        is_late = self._taken(now) > _HALF * self._time
+        self._count(now)
+        is_late = self._passed > _HALF * self._time
         if (is_late or not self._device.has_stopped) and now - self._sent >= REPEAT:
             self._sent = now
             self._device.stop()
 
     def overdue(self, now: float) -> str:
         """Return what to say of a stop that is past its time; empty if there is none."""
-        if not self._watches or self._taken(now) <= self._time:
+        if not self._watches:
+            return ""
+        self._count(now)
+        if self._watched_for <= self._time:
             return ""
         what = self._moving or self._device.condition.reason or "the hardware has not confirmed it"
         return f"a stop has not been carried out within {self._time:g} s: {what}"
@@ -121,9 +157,9 @@ class Stopping:
     @property
     def unseen(self) -> str:
         """What to say of a stop if the joints still moved when they were last seen; empty if not."""
-        if not self._watches or not self._moving:
+        if not self._watches or not self._last_seen:
             return ""
-        return f"{UNSEEN}: {self._moving} when it was last seen"
+        return f"{UNSEEN}: {self._last_seen} when it was last seen"
 
     @property
     def time(self) -> float:
@@ -136,22 +172,24 @@ class Stopping:
 
     def _begin(self, now: float) -> None:
         self._asked = self._counted = now
-        self._passed = 0.0
+        self._passed = self._watched_for = 0.0
 
-    def _taken(self, now: float) -> float:
-        """Return the seconds since the stop was asked for, of the hardware's own time."""
+    def _count(self, now: float) -> None:
+        """Count the seconds since the stop was asked for, of the hardware's own time, and those watched."""
         pace = self._pace
         if self._device.pace == 0.0 and self._moving:
             pace = 1.0  # nothing that was slowed down to a standstill moves
-        self._passed += pace * (now - self._counted)
+        elapsed = now - self._counted
+        self._passed += pace * elapsed
+        self._watched_for += pace * min(elapsed, self._longest_look)
         self._counted = now
-        return self._passed
 
     def _look(self, sample: Sample) -> None:
-        value = sample.values.get("measured_js")
-        moving: str | None = ""
+        value = sample.values.get("measured_js") if sample.stamp.wall_ns else None
+        moving: str | None = ""  # where nothing is measured, the device alone can say
         if isinstance(value, JointState) and value.position.size == len(self._joints):
             moving = self._motion_of(value, sample.stamp.monotonic)
+            self._last_seen = self._last_seen if moving is None else moving
         if moving is None:
             return
         self._moving = moving

@@ -149,9 +149,10 @@ class DirectStream(ServoStream):
     @override
     def feed(self, order: Order, now: float) -> None:
         target = direct_target(order, self._context)
-        if target.mode is Mode.JOINT_POSITION and self._target is None:
-            before, velocity, _ = self._feedback.motion(now)
-            self._limiter.check_start(order.name, target.values, before, velocity)
+        before = self._target.mode if self._target is not None else None
+        if target.mode is Mode.JOINT_POSITION is not before:
+            position, velocity, _ = self._feedback.motion(now)
+            self._limiter.check_start(order.name, target.values, position, velocity)
         self._due = self._context.limit(order.name, target, now)
         self._target = target
         self.name = order.name

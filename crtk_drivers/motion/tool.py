@@ -166,7 +166,8 @@ class WrenchOutput:
         if self._takes_wrenches:
             return Point(Setpoint(Mode.CARTESIAN_EFFORT, wrench))
         wrench = norms_into(wrench, *self._limits)
-        jacobian = self._inverse.kinematics.jacobian(self._feedback.measured.position)
+        joints, _ = self._feedback.measured_state()
+        jacobian = self._inverse.kinematics.jacobian(joints.position)
         effort = vector(jacobian.T @ wrench)
         return Point(Setpoint(Mode.JOINT_EFFORT, effort), wrench=wrench)
 

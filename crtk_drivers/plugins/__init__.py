@@ -23,7 +23,14 @@ from crtk_drivers.plugins.entries import (
 )
 
 if TYPE_CHECKING:
-    from crtk_drivers.plugins.declared import DeviceLink, DevicePlugin, LinkAccess, Tool, required
+    from crtk_drivers.plugins.declared import (
+        DeviceLink,
+        DevicePlugin,
+        LinkAccess,
+        SimFault,
+        Tool,
+        required,
+    )
     from crtk_drivers.plugins.finder import Finder, FoundDevice
     from crtk_drivers.plugins.sim_plugin import RunningSim, SimControl, SimPlugin
 
@@ -43,6 +50,7 @@ __all__ = [
     "PluginEntry",
     "RunningSim",
     "SimControl",
+    "SimFault",
     "SimPlugin",
     "Tool",
     "commands_of",
@@ -63,6 +71,7 @@ _MODULES = {
     "FoundDevice": "finder",
     "LinkAccess": "declared",
     "DeviceLink": "declared",
+    "SimFault": "declared",
     "RunningSim": "sim_plugin",
     "SimControl": "sim_plugin",
     "SimPlugin": "sim_plugin",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -21,11 +22,11 @@ from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins.finder import Finder
 from crtk_drivers.plugins.sim_plugin import RunningSim
-from crtk_drivers.samples import Wrench
+from crtk_drivers.samples import Pose, Wrench
 from crtk_drivers.wrappers.base_frame import PlacedDevice
 from crtk_drivers.wrappers.confined import ConfinedDevice
 
-__all__ = ["DeviceLink", "DevicePlugin", "LinkAccess", "Tool", "required"]
+__all__ = ["DeviceLink", "DevicePlugin", "LinkAccess", "SimFault", "Tool", "required"]
 
 
 def _same_config(config: Any, sim: RunningSim) -> Any:
@@ -53,6 +54,10 @@ def _no_tool(config: Any) -> AttachedConfig | None:
     return None
 
 
+def _no_markers(config: Any) -> Mapping[str, str]:
+    return MappingProxyType({})
+
+
 def _no_options(config: Any) -> Mapping[str, Any]:
     return MappingProxyType({})
 
@@ -65,12 +70,15 @@ class DeviceLink:
         host: of the device, where it is in a network.
         tcp, udp: its ports there, by name.
         serial: its serial lines: the port and the rate in bit/s, by name.
+        can: its CAN buses: with what python-can opens them, by name. Through a relay each is a door for
+            socketcand, at a port of `tcp` of that name.
     """
 
     host: str = ""
     tcp: Mapping[str, int] = field(default_factory=dict)
     udp: Mapping[str, int] = field(default_factory=dict)
     serial: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    can: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,14 @@ class LinkAccess:
 
     of: Callable[[Any, RunningSim | None], DeviceLink | None]
     at: Callable[[Any, DeviceLink], Any]
+
+
+class SimFault(StrEnum):
+    """What happens to a simulated device because a test of the bench asks for it; in words, of real ones."""
+
+    EMERGENCY_STOP = "its emergency stop is pressed"
+    BLOCK = "a block of `width` m lies between its fingers"
+    COVER = "a tool of it is covered"
 
 
 @dataclass(frozen=True)
@@ -127,7 +143,11 @@ class DevicePlugin:
         sim_options: the options of the simulator that suit a configuration (model, ...).
         sim_load: puts a wrench on the sensor of a running simulator, in the sensor's frame, beside all else
             that acts on it, until the next one; None if its simulator feels none. Raises RuntimeError.
-        sim_emergency_stop: the fault of its simulator that is a pressed emergency stop; empty if it has none.
+        markers: the tools that a tracker of this configuration sees, by the names that their namespaces end
+            with: what its simulator knows each by, empty if it does not.
+        sim_put: lets a tool of a running simulator, by what that knows it by, be at a pose in the frame of
+            the tracker from a time on, in ns since the epoch; None if it has none. Raises RuntimeError.
+        sim_faults: which faults of its simulator these are, as far as it has them.
         finder: looks for hardware of this kind; None if nobody can.
         tools: commands for people, to look at hardware, scan a bus, calibrate, ...
         typical: values of a configuration whose CRTK commands are listed where the default has no joints.
@@ -136,6 +156,7 @@ class DevicePlugin:
         sim_tool: the options of the simulator of an arm that hang a simulated device at its tool.
         at_tool: the configuration of a device that hangs at the tool of the arm at an address; None if it
             cannot hang at one.
+        tool_line: how the serial line of the tool is to be for it, by the keys that the arm has for that.
         is_model: it is computed in this process, and no hardware is behind it.
     """
 
@@ -150,13 +171,16 @@ class DevicePlugin:
     sim_config: Callable[[Any, RunningSim], Any] = _same_config
     sim_options: Callable[[Any], Mapping[str, Any]] = _no_options
     sim_load: Callable[[RunningSim, Wrench], None] | None = None
-    sim_emergency_stop: str = ""
+    markers: Callable[[Any], Mapping[str, str]] = _no_markers
+    sim_put: Callable[[RunningSim, str, Pose, int], None] | None = None
+    sim_faults: Mapping[SimFault, str] = field(default_factory=dict)
     finder: Finder | None = None
     tools: tuple[Tool, ...] = ()
     typical: Mapping[str, Any] = field(default_factory=dict)
     tool: Callable[[Any], AttachedConfig | None] = _no_tool
     sim_tool: Callable[[RunningSim], Mapping[str, Any]] = _no_options
     at_tool: Callable[[Any, str], Any] | None = None
+    tool_line: Mapping[str, Any] = field(default_factory=dict)
     is_model: bool = False
     link: LinkAccess | None = None
 

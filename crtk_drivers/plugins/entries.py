@@ -188,14 +188,14 @@ def simulator(name: str) -> SimPlugin:
     return plugin
 
 
-def page() -> PagePlugin:
-    """Return the plugin that shows devices in the browser.
+def page(name: str = PAGE) -> PagePlugin:
+    """Return the plugin that shows a device in the browser, or another one: ``view`` shows all devices.
 
     Raises:
         PluginError: there is none, or it is broken.
         MissingExtra: a library of an extra is not installed.
     """
-    plugin: PagePlugin = _find(pages(), PAGE, "page").plugin
+    plugin: PagePlugin = _find(pages(), name, "page").plugin
     return plugin
 
 

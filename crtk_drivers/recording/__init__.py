@@ -2,6 +2,20 @@
 
 from crtk_drivers.recording.mcap_reader import Attachment, Message, Recording, mend
 from crtk_drivers.recording.mcap_writer import McapWriter
+from crtk_drivers.recording.opening import opened
 from crtk_drivers.recording.recorder import Recorder, Totals
+from crtk_drivers.recording.series import Raw, Series, Split
 
-__all__ = ["Attachment", "McapWriter", "Message", "Recorder", "Recording", "Totals", "mend"]
+__all__ = [
+    "Attachment",
+    "McapWriter",
+    "Message",
+    "Raw",
+    "Recorder",
+    "Recording",
+    "Series",
+    "Split",
+    "Totals",
+    "mend",
+    "opened",
+]

@@ -23,10 +23,12 @@ from crtk_drivers.samples import (
     Flag,
     JointServo,
     JointState,
+    Joy,
     Matrix,
     Number,
     Numbers,
     Pose,
+    Poses,
     Text,
     Twist,
     Value,
@@ -40,10 +42,12 @@ TYPE_NAMES: Mapping[type, str] = MappingProxyType(
     {
         JointState: "sensor_msgs/msg/JointState",
         Pose: "geometry_msgs/msg/PoseStamped",
+        Poses: "geometry_msgs/msg/PoseArray",
         Twist: "geometry_msgs/msg/TwistStamped",
         Wrench: "geometry_msgs/msg/WrenchStamped",
         Status: "crtk_msgs/msg/OperatingState",
         Text: "crtk_msgs/msg/StringStamped",
+        Joy: "sensor_msgs/msg/Joy",
     }
 )
 """The ROS type of each value that can be recorded."""
@@ -56,7 +60,7 @@ _STAMP = struct.Struct("<4siI")
 _BODY_OF_TEXT: Final = 8
 """Where the frame begins, from behind the first four bytes: after the stamp."""
 _COUNT = struct.Struct("<I")
-_SLACK: Final = 12
+SLACK: Final = 12
 """Bytes behind a message, at most: Fast CDR reckons with padding for empty sequences, and leaves it out."""
 
 _POSE = struct.Struct("<7d")
@@ -91,7 +95,8 @@ def encode(value: object, stamp_ns: int, frame_id: str = "") -> bytes:
 
     Args:
         value: a `Value`, or a `Status`, of which the message holds state, is_homed and is_busy.
-        stamp_ns: since the epoch; 0 marks data that is not valid. Numbers, flags and matrices have none.
+        stamp_ns: since the epoch; 0 marks data that is not valid, as that of a `Joy` that is not. Numbers,
+            flags and matrices have none.
         frame_id: what the message names; the one of the value is not looked at.
 
     Raises:
@@ -104,6 +109,8 @@ def encode(value: object, stamp_ns: int, frame_id: str = "") -> bytes:
         if bare is not None:
             return bare(value)
         if body is not None:
+            if isinstance(value, Joy) and not value.is_valid:
+                stamp_ns = 0
             stamp = _STAMP.pack(_LITTLE_ENDIAN, *divmod(stamp_ns, _SECOND))
             return stamp + body(value, frame_id)
     except struct.error as error:
@@ -125,6 +132,17 @@ def encode_transform(pose: Pose, stamp_ns: int, frame_id: str, child: str) -> by
         raise ValueError(f"a transform cannot be a message: {error}") from error
 
 
+def encode_text(text: str) -> bytes:
+    """Return a text as a std_msgs/String, which has no stamp."""
+    return _LITTLE_ENDIAN + _text(text)
+
+
+NOTHING: Final = _LITTLE_ENDIAN + b"\0"
+"""A std_msgs/Empty."""
+
+TEXT_TYPE: Final = "std_msgs/msg/String"
+
+
 def decode(type_name: str, data: bytes, *, is_exact: bool = True) -> Stamped:
     """Return what a message holds. A stamp that is none (10^9 ns or more) is 0.
 
@@ -141,7 +159,7 @@ def decode(type_name: str, data: bytes, *, is_exact: bool = True) -> Stamped:
     stamp_ns, frame = 0, ""
     value: Value | Status
     try:
-        fields = _Fields(data)
+        fields = Fields(data)
         if bare is not None:
             value = bare(fields)
         elif body is not None:
@@ -164,7 +182,7 @@ def decode_matrix(data: bytes) -> Matrix:
         ValueError: numbers that its layout has no room for, or too few.
     """
     try:
-        fields = _Fields(data)
+        fields = Fields(data)
         sizes, numbers = fields.layout(), fields.sequence()
         fields.end()
     except Malformed as error:
@@ -178,7 +196,7 @@ def stamp_of(data: bytes) -> int:
     Raises:
         Malformed: it ends before.
     """
-    return _Fields(data).stamp()
+    return Fields(data).stamp()
 
 
 # ------------------------------------------------------------------------------------------- encoding
@@ -233,6 +251,13 @@ def _pose(value: Pose, frame_id: str) -> bytes:
     return _frame(frame_id, 8) + _POSE.pack(*numbers)
 
 
+def _poses(value: Poses, frame_id: str) -> bytes:
+    head = _frame(frame_id, 4) + _COUNT.pack(len(value.poses))
+    if not value.poses:
+        return head
+    return head + _padding(_BODY_OF_TEXT + len(head), 8) + value.vector.tobytes()
+
+
 def _twist(value: Twist, frame_id: str) -> bytes:
     numbers = (*value.linear.tolist(), *value.angular.tolist())
     return _frame(frame_id, 8) + _TWO_VECTORS.pack(*numbers)
@@ -264,6 +289,14 @@ def _cartesian_servo(value: CartesianServo, frame_id: str) -> bytes:
     )
     numbers = _SERVO.pack(*(number for part in parts for number in part.tolist()))
     return _frame(frame_id, 8) + numbers + bytes(value.modes)
+
+
+def _joy(value: Joy, frame_id: str) -> bytes:
+    return (
+        _frame(frame_id, 4)
+        + struct.pack(f"<I{len(value.axes)}f", len(value.axes), *value.axes)
+        + struct.pack(f"<I{len(value.buttons)}i", len(value.buttons), *value.buttons)
+    )
 
 
 def _number(value: Number) -> bytes:
@@ -303,10 +336,12 @@ _ENCODE: Mapping[type, Callable[[Any, str], bytes]] = MappingProxyType(
     {
         JointState: _joints,
         Pose: _pose,
+        Poses: _poses,
         Twist: _twist,
         Wrench: _wrench,
         Status: _status,
         Text: _stamped_text,
+        Joy: _joy,
         JointServo: _joint_servo,
         CartesianServo: _cartesian_servo,
     }
@@ -321,7 +356,7 @@ _BARE: Mapping[type, Callable[[Any], bytes]] = MappingProxyType(
 # ------------------------------------------------------------------------------------------- decoding
 
 
-class _Fields:
+class Fields:
     """The fields of a message, one after the other.
 
     Raises:
@@ -344,14 +379,27 @@ class _Fields:
         return self._data[begin:end]
 
     def stamp(self) -> int:
+        """A stamp in ns since the epoch; one that is none (10^9 ns or more) is 0."""
         seconds, nanoseconds = struct.unpack(self._order + "iI", self._take(8, 4))
         return int(seconds * _SECOND + nanoseconds) if nanoseconds < _SECOND else 0
 
     def count(self) -> int:
+        """An uint32."""
         (count,) = struct.unpack(self._order + "I", self._take(4, 4))
         return int(count)
 
+    def short(self) -> int:
+        """An uint16."""
+        (value,) = struct.unpack(self._order + "H", self._take(2, 2))
+        return int(value)
+
+    def duration(self) -> float:
+        """A duration in s."""
+        seconds, nanoseconds = struct.unpack(self._order + "iI", self._take(8, 4))
+        return float(seconds + 1e-9 * nanoseconds)
+
     def text(self) -> str:
+        """A string."""
         raw = self._take(self.count()).removesuffix(b"\0")  # which some writers leave out
         if b"\0" in raw:
             raise Malformed("a text has a zero in it")
@@ -361,18 +409,20 @@ class _Fields:
             raise Malformed(f"a text is not UTF-8: {error.reason}") from error
 
     def texts(self) -> tuple[str, ...]:
-        return tuple(self.text() for _ in range(self._few("names")))
+        """A sequence of strings."""
+        return tuple(self.text() for _ in range(self.few("names")))
 
-    def _few(self, what: str) -> int:
+    def few(self, what: str, most: int = MOST_NAMES) -> int:
+        """The length of a sequence of things that are made one by one."""
         count = self.count()
-        if count > MOST_NAMES:
-            raise Malformed(f"{count} {what} are more than {MOST_NAMES}")
+        if count > most:
+            raise Malformed(f"{count} {what} are more than {most}")
         return count
 
     def layout(self) -> tuple[int, ...]:
         """Return the sizes of a Float64MultiArray."""
         sizes = []
-        for _ in range(self._few("dimensions")):
+        for _ in range(self.few("dimensions")):
             self.text()  # its label
             sizes.append(self.count())
             self.count()  # its stride
@@ -380,47 +430,69 @@ class _Fields:
         return tuple(sizes)
 
     def numbers(self, count: int) -> Vector:
+        """So many float64 (count,)."""
         if not count:
             return EMPTY
         taken = np.frombuffer(self._take(8 * count, 8), self._order + "f8")
         return frozen(taken.astype(np.float64))
 
     def sequence(self) -> Vector:
+        """A sequence of float64 (n,)."""
         return self.numbers(self.count())
 
+    def words(self, code: str, what: str) -> tuple[float, ...]:
+        """A sequence of float32 (``f``) or int32 (``i``)."""
+        count = self.few(what)
+        return struct.unpack(
+            f"{self._order}{count}{code}", self._take(4 * count, 4 if count else 1)
+        )
+
     def bytes(self, count: int) -> tuple[int, ...]:
+        """So many uint8."""
         return tuple(self._take(count))
 
     def flag(self) -> bool:
+        """A bool."""
         value = self._take(1)[0]
         if value > 1:
             raise Malformed(f"{value} is neither true nor false")
         return value == 1
 
-    def end(self) -> None:
+    def end(self, slack: int = SLACK) -> None:
+        """Nothing may follow but so many bytes of padding."""
         left = len(self._data) - self._at
-        if left > _SLACK:
+        if left > slack:
             raise Malformed(f"{left} bytes are left over")
 
 
-def _joints_of(fields: _Fields, frame_id: str) -> JointState:
+def _joints_of(fields: Fields, frame_id: str) -> JointState:
     name = fields.texts()
     return JointState(fields.sequence(), fields.sequence(), fields.sequence(), name)
 
 
-def _pose_of(fields: _Fields, frame_id: str) -> Pose:
+def _pose_of(fields: Fields, frame_id: str) -> Pose:
     return Pose(fields.numbers(3), fields.numbers(4), frame_id)
 
 
-def _twist_of(fields: _Fields, frame_id: str) -> Twist:
+def _poses_of(fields: Fields, frame_id: str) -> Poses:
+    count = fields.few("poses")
+    return Poses(tuple(_pose_of(fields, frame_id) for _ in range(count)), frame_id)
+
+
+def _twist_of(fields: Fields, frame_id: str) -> Twist:
     return Twist(fields.numbers(3), fields.numbers(3), frame_id)
 
 
-def _wrench_of(fields: _Fields, frame_id: str) -> Wrench:
+def _wrench_of(fields: Fields, frame_id: str) -> Wrench:
     return Wrench(fields.numbers(3), fields.numbers(3), frame_id)
 
 
-def _status_of(fields: _Fields, frame_id: str) -> Status:
+def _joy_of(fields: Fields, frame_id: str) -> Joy:
+    axes, buttons = fields.words("f", "axes"), fields.words("i", "buttons")
+    return Joy(axes, tuple(map(int, buttons)))
+
+
+def _status_of(fields: Fields, frame_id: str) -> Status:
     text = fields.text()
     try:
         state = OperatingState(text)
@@ -429,56 +501,58 @@ def _status_of(fields: _Fields, frame_id: str) -> Status:
     return Status(state, fields.flag(), fields.flag())
 
 
-def _text_of(fields: _Fields, frame_id: str) -> Text:
+def _text_of(fields: Fields, frame_id: str) -> Text:
     return Text(fields.text())
 
 
-def _joint_servo_of(fields: _Fields, frame_id: str) -> JointServo:
+def _joint_servo_of(fields: Fields, frame_id: str) -> JointServo:
     joints = _joints_of(fields, frame_id)
     modes = fields.bytes(fields.count())
     return JointServo(modes, joints.position, joints.velocity, joints.effort, joints.name)
 
 
-def _cartesian_servo_of(fields: _Fields, frame_id: str) -> CartesianServo:
+def _cartesian_servo_of(fields: Fields, frame_id: str) -> CartesianServo:
     task = _pose_of(fields, "")
     pose = _pose_of(fields, "")
     twist, wrench = _twist_of(fields, ""), _wrench_of(fields, "")
     return CartesianServo(fields.bytes(6), pose, twist, wrench, task, frame_id)
 
 
-def _number_of(fields: _Fields) -> Number:
+def _number_of(fields: Fields) -> Number:
     return Number(float(fields.numbers(1)[0]))
 
 
-def _flag_of(fields: _Fields) -> Flag:
+def _flag_of(fields: Fields) -> Flag:
     return Flag(fields.flag())
 
 
-def _numbers_of(fields: _Fields) -> Numbers:
+def _numbers_of(fields: Fields) -> Numbers:
     fields.layout()
     return Numbers(tuple(fields.sequence().tolist()))
 
 
-_DECODE: Mapping[str, Callable[[_Fields, str], Value | Status]] = MappingProxyType(
+_DECODE: Mapping[str, Callable[[Fields, str], Value | Status]] = MappingProxyType(
     {
         TYPE_NAMES[JointState]: _joints_of,
         TYPE_NAMES[Pose]: _pose_of,
+        TYPE_NAMES[Poses]: _poses_of,
         TYPE_NAMES[Twist]: _twist_of,
         TYPE_NAMES[Wrench]: _wrench_of,
         TYPE_NAMES[Status]: _status_of,
         TYPE_NAMES[Text]: _text_of,
+        TYPE_NAMES[Joy]: _joy_of,
         "crtk_msgs/msg/JointServo": _joint_servo_of,
         "crtk_msgs/msg/CartesianServo": _cartesian_servo_of,
     }
 )
 """What follows the header."""
 
-_READ_BARE: Mapping[str, Callable[[_Fields], Value]] = MappingProxyType(
+_READ_BARE: Mapping[str, Callable[[Fields], Value]] = MappingProxyType(
     {
         "std_msgs/msg/Float64": _number_of,
         "std_msgs/msg/Bool": _flag_of,
         _ARRAY: _numbers_of,
-        "std_msgs/msg/String": lambda fields: Text(fields.text()),
+        TEXT_TYPE: lambda fields: Text(fields.text()),
     }
 )
 """Messages without a header."""

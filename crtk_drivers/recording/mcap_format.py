@@ -70,12 +70,16 @@ ENDING_SIZE: Final = RECORD.size + _FOOTER.size + len(MAGIC)
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic, and the type of its messages. Its schema has the same number."""
+    """A topic, and the type of its messages. Its schema has the same number.
+
+    `definition` is empty where the type is not known; `texts` go with the channel.
+    """
 
     number: int
     topic: str
     type_name: str
     definition: str
+    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,22 +188,21 @@ def header_record(library: str) -> bytes:
 
 def schema_record(channel: Channel) -> bytes:
     """Return the definition of a channel's messages."""
-    parts = map(_text, (channel.type_name, SCHEMA_ENCODING, channel.definition))
+    encoding = SCHEMA_ENCODING if channel.definition else ""
+    parts = map(_text, (channel.type_name, encoding, channel.definition))
     return record(Opcode.SCHEMA, _U16.pack(channel.number), *parts)
 
 
 def channel_record(channel: Channel) -> bytes:
     """Return the channel without its schema."""
     numbers = struct.pack("<HH", channel.number, channel.number)
-    return record(
-        Opcode.CHANNEL, numbers, _text(channel.topic), _text(MESSAGE_ENCODING), _U32.pack(0)
-    )
+    names = _text(channel.topic) + _text(MESSAGE_ENCODING)
+    return record(Opcode.CHANNEL, numbers, names, _texts(channel.texts))
 
 
 def metadata_record(name: str, texts: Mapping[str, str]) -> bytes:
     """Return texts by name."""
-    content = b"".join(_text(part) for pair in texts.items() for part in pair)
-    return record(Opcode.METADATA, _text(name), _U32.pack(len(content)), content)
+    return record(Opcode.METADATA, _text(name), _texts(texts))
 
 
 def attachment_record(name: str, media_type: str, data: bytes, time_ns: int) -> bytes:
@@ -280,6 +283,11 @@ def _chunk_index(chunk: Chunk) -> bytes:
 def _numbers_by_channel(numbers: Mapping[int, int]) -> bytes:
     pairs = b"".join(struct.pack("<HQ", number, value) for number, value in numbers.items())
     return _U32.pack(len(pairs)) + pairs
+
+
+def _texts(texts: Mapping[str, str]) -> bytes:
+    content = b"".join(_text(part) for pair in texts.items() for part in pair)
+    return _U32.pack(len(content)) + content
 
 
 def _text(text: str) -> bytes:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 from crtk_drivers.errors import RecordingError
 from crtk_drivers.recording import cdr
@@ -15,6 +17,17 @@ from crtk_drivers.recording.mcap_format import RECORD, Block, Fields, message_in
 from crtk_drivers.recording.scan import messages_in, messages_of, scan
 
 __all__ = ["Attachment", "Message", "Recording", "mend"]
+
+
+_LATCHED: Final = re.compile(r"durability: (transient_local|1)\b")
+
+
+class BeingWritten(RecordingError):
+    """A recording that somebody still writes."""
+
+
+class MayNotBeMended(RecordingError):
+    """A recording that may be read, and not written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +80,7 @@ class Recording:
         is_complete: it was finished. If not, `mend` completes it; it can be read all the same.
         topics: type of the messages, by topic.
         counts: of messages, by topic.
+        latched: topics whose newest message holds until the next one.
 
     Raises:
         RecordingError: it cannot be read, is none, or is damaged.
@@ -86,6 +100,7 @@ class Recording:
         self.counts: Mapping[str, int] = {
             channel.topic: self._index.counts[number] for number, channel in channels.items()
         }
+        self.latched = frozenset(c.topic for c in channels.values() if is_latched(c.texts))
 
     def messages(self, *topics: str) -> Iterator[Message]:
         """Yield the messages of some topics, or of all, as they came.
@@ -140,6 +155,11 @@ class Recording:
             raise _unreadable(self.path, error) from error
 
 
+def is_latched(texts: Mapping[str, str]) -> bool:
+    """Whether what goes with a channel says so, as `ros2 bag` writes it."""
+    return _LATCHED.search(texts.get("offered_qos_profiles", "")) is not None
+
+
 def mend(path: str | Path) -> bool:
     """Complete a recording that was cut off, in place; return False if it was complete.
 
@@ -169,6 +189,8 @@ def mend(path: str | Path) -> bool:
             file.truncate()
             file.flush()
             os.fsync(file.fileno())
+    except PermissionError as error:
+        raise MayNotBeMended("may not be written", where=str(path)) from error
     except OSError as error:
         raise _unreadable(path, error) from error
     return True
@@ -178,7 +200,7 @@ def _lock(descriptor: int, path: Path) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise RecordingError(
+        raise BeingWritten(
             "is still being written", where=str(path), remedy="End the recording first."
         ) from error
 

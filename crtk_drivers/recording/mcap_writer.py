@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, Self
 
 from crtk_drivers.errors import RecordingError
@@ -52,6 +53,7 @@ class McapWriter:
 
     Args:
         path: of the file, which is made.
+        keep_free: bytes of its disk that messages leave to others; 0: none.
 
     Attributes:
         lost: messages that could not be written.
@@ -60,8 +62,9 @@ class McapWriter:
         RecordingError: there is such a file, or it cannot be written.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, keep_free: int = 0) -> None:
         self.path = Path(path)
+        self._keep_free = keep_free
         self.lost = 0
         self._index = Index()
         self._numbers: dict[str, int] = {}
@@ -86,8 +89,20 @@ class McapWriter:
             self._close()
             raise
 
-    def channel(self, topic: str, type_name: str) -> int:
+    def channel(
+        self,
+        topic: str,
+        type_name: str,
+        text: str | None = None,
+        texts: Mapping[str, str] = MappingProxyType({}),
+    ) -> int:
         """Return the number of a topic's channel; a new one is written at once.
+
+        Args:
+            topic: full name.
+            type_name: of its messages.
+            text: definition of the type, see `definition`; empty if it is not known. None: as we know it.
+            texts: that go with a new channel, by name.
 
         Raises:
             RecordingError: it cannot be written, has another type already, or its type is not known.
@@ -103,7 +118,8 @@ class McapWriter:
         number = len(self._numbers) + 1
         if number > MOST_CHANNELS:
             raise RecordingError(f"more than {MOST_CHANNELS} topics", where=str(self.path))
-        channel = Channel(number, topic, type_name, definition(type_name))
+        known = definition(type_name) if text is None else text
+        channel = Channel(number, topic, type_name, known, texts)
         self._append(schema_record(channel) + channel_record(channel))
         self._index.channels[number] = channel
         self._numbers[topic] = number
@@ -118,12 +134,13 @@ class McapWriter:
             channel: number, from `channel`.
             data: the message.
             log_time: ns since the epoch, when it was recorded.
-            publish_time: when it was measured or sent; None: not known, the same.
+            publish_time: when it was measured or sent; None: not known, the same. So is one before the epoch,
+                which a file cannot have, and whoever sends a command may tell.
 
         Raises:
             RecordingError: those before could not be written; this one is kept.
         """
-        published = log_time if publish_time is None else publish_time
+        published = log_time if publish_time is None or publish_time < 0 else publish_time
         sequence = self._sequences[channel]
         head = MESSAGE.pack(channel, sequence & 0xFFFFFFFF, log_time, published)
         self._sequences[channel] = sequence + 1
@@ -156,6 +173,7 @@ class McapWriter:
         offset = self._end
         indexes, offsets = message_indexes(offset + len(chunk), places)
         try:
+            self._leave_room(len(chunk) + len(indexes))
             self._append(chunk + indexes)
         except RecordingError as error:
             self.lost += len(times)
@@ -190,6 +208,11 @@ class McapWriter:
         offset = self._append(made)
         self._index.attachments.append(attachment_block(made[RECORD.size :], offset))
 
+    @property
+    def size(self) -> int:
+        """Bytes that are in the file, its end left out."""
+        return self._end
+
     def finish(self) -> None:
         """Write the rest and the end, and close the file. A second time does nothing.
 
@@ -221,6 +244,18 @@ class McapWriter:
         self._parts: list[bytes] = []
         self._places: defaultdict[int, list[tuple[int, int]]] = defaultdict(list)
         self._size = 0
+
+    def _leave_room(self, size: int) -> None:
+        if not self._keep_free:
+            return
+        disk = os.fstatvfs(self._file)
+        free = disk.f_bavail * disk.f_frsize
+        if free < self._keep_free + size:
+            raise RecordingError(
+                f"its disk has {free / 1e6:.0f} MB left, and {self._keep_free / 1e6:.0f} MB are kept free",
+                where=str(self.path),
+                remedy="End the recording, or make room.",
+            )
 
     def _append(self, records: bytes) -> int:
         """Write records and their seal, and return where they are; nothing of them stays if that fails."""

@@ -1,36 +1,43 @@
-"""Takes values from the thread that reads a device, and writes them in a thread of its own.
+"""Takes messages from threads that must not wait, and writes them in a thread of its own.
 
-Whoever hands a value over never waits for a disk: it lies in a queue, of which the oldest goes when it is
-full. What is lost is counted, told, and written into the recording. A disk that is full ends neither the
-recording nor the device: it is told, and tried again with what comes next.
+Whoever hands something over never waits for a disk: it lies in a queue. When that is full, what comes is
+dropped until there is room: what came before is whole. What is lost is counted, told, and written into the
+recording. A disk that is full ends neither the recording nor the device: it is told, and tried again with
+what comes next.
 """
 
 from __future__ import annotations
 
-import itertools
 import logging
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final, Self
+from types import MappingProxyType
+from typing import Any, Final, Self
 
 from crtk_drivers.errors import RecordingError, unexpected
 from crtk_drivers.recording import cdr
-from crtk_drivers.recording.mcap_writer import McapWriter
+from crtk_drivers.recording.series import ONE_FILE, Raw, Series, Split
 from crtk_drivers.samples import Stamp, Value
 from crtk_drivers.state import Status
+from crtk_drivers.status.real_time import ask_for_real_time
 
-__all__ = ["Recorder", "Totals"]
+__all__ = ["Entry", "Recorder", "Totals"]
 
-PERIOD: Final = 0.05
-"""Seconds between two writes: what is lost at most if the process is killed."""
+PERIOD: Final = 0.03
+"""Seconds between two writes: with the time for one, no more than 50 ms are lost if the process is killed."""
 
-CAPACITY: Final = 100_000
-"""Values that wait at most: half a minute of six topics at 500 Hz."""
+PRIORITY: Final = 1
+"""Real-time, below the I/O threads: they wait for the lock of Python, and so for whoever has it to be run."""
+
+CAPACITY: Final = 30_000
+"""Entries that wait at most: a minute of samples at 500 Hz, ten seconds of six topics."""
+
+CAPACITY_SIZE: Final = 256_000_000
+"""Bytes that wait at most, of messages that were made elsewhere: images, point clouds."""
 
 CLOSE_TIMEOUT: Final = 10.0
 """Seconds in which what waits must have been written at the end."""
@@ -40,7 +47,11 @@ TOTALS: Final = "crtk_drivers recording"
 
 logger = logging.getLogger(__name__)
 
-_Taken = tuple[int, str, Value | Status, int, int]
+Entry = tuple[Any, ...]
+"""A function that returns messages, what they are of, their log time, and its other arguments.
+
+It is called in the thread that writes.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +59,12 @@ class Totals:
     """How a recording went.
 
     Attributes:
-        taken: values that were handed over.
+        taken: messages that were handed over; what waits is not counted yet.
         written: of these, in the file.
         lost: of these, not in it: the queue or the disk was full.
         unsuited: of these, not in it: no message can hold them.
+        size: bytes in all files.
+        files: how many.
         error: what went wrong last; empty if nothing did.
     """
 
@@ -59,6 +72,8 @@ class Totals:
     written: int
     lost: int
     unsuited: int
+    size: int
+    files: int
     error: str
 
 
@@ -71,7 +86,13 @@ class Recorder:
         attachments: files that go with it, by name.
         frame_id: of values that do not name their own.
         period: seconds between two writes.
-        capacity: values that wait at most.
+        capacity: entries that wait at most.
+        split: when the next file begins.
+        keep_free: bytes of its disk that messages leave to others; 0: none.
+        before_write: called in its thread before each write; what it takes is written too.
+
+    Attributes:
+        series: the files.
 
     Raises:
         RecordingError: the file cannot be made.
@@ -81,20 +102,26 @@ class Recorder:
         self,
         path: str | Path,
         *,
-        metadata: Mapping[str, Mapping[str, str]] | None = None,
-        attachments: Mapping[str, bytes] | None = None,
+        metadata: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+        attachments: Mapping[str, bytes] = MappingProxyType({}),
         frame_id: str = "",
         period: float = PERIOD,
         capacity: int = CAPACITY,
+        split: Split = ONE_FILE,
+        keep_free: int = 0,
+        before_write: Callable[[], None] = lambda: None,
     ) -> None:
-        self._writer = _begun(path, metadata or {}, attachments or {})
+        self.series = Series(path, metadata, attachments, split, keep_free)
         self._frame_id = frame_id
         self._period = period
-        self._queue: deque[_Taken] = deque(maxlen=capacity)
-        self._numbers = itertools.count(1)
-        self._newest = 0
+        self._capacity = capacity
+        self._before_write = before_write
+        self._queue: deque[tuple[int, int, Entry]] = deque()
+        self._held = 0
+        self._counting = threading.Lock()
+        self._dropped = 0
         self._drained = 0
-        self._channels: dict[str, tuple[str, int]] = {}
+        self._types: dict[str, str] = {}
         self._unsuited: Counter[str] = Counter()
         self._added = 0
         self._refused = 0
@@ -115,14 +142,40 @@ class Recorder:
             value: one that cannot be recorded is counted as `Totals.unsuited`.
             stamp: when it was measured; `wall_ns` 0 marks data that is not valid.
         """
-        self._queue.append((next(self._numbers), topic, value, stamp.wall_ns, time.time_ns()))
+        self.put((self._of_value, topic, time.time_ns(), value, stamp.wall_ns))
+
+    def put(self, entry: Entry, messages: int = 1, size: int = 0) -> None:
+        """Record what an entry makes, later. Never waits, never raises; from any thread.
+
+        Args:
+            entry: see `Entry`; its function may raise.
+            messages: how many it makes: so many are lost if there is no room.
+            size: bytes that it holds; 0: it holds what others hold too, or little.
+        """
+        if len(self._queue) < self._capacity and self._held + size <= CAPACITY_SIZE:
+            if size:
+                with self._counting:
+                    self._held += size
+            self._queue.append((messages, size, entry))
+            return
+        with self._counting:
+            self._dropped += messages
 
     @property
     def totals(self) -> Totals:
         """How it goes. What waits to be written is no loss."""
-        lost = self._newest - self._drained + self._refused + self._writer.lost
-        written = self._added - self._writer.lost
-        return Totals(self._newest, written, lost, self._unsuited.total(), self._error)
+        series, dropped = self.series, self._dropped
+        lost = dropped + self._refused + series.lost
+        written, unsuited = self._added - series.lost, self._unsuited.total()
+        return Totals(
+            self._drained + dropped,
+            written,
+            lost,
+            unsuited,
+            series.size,
+            len(series.paths),
+            self._error,
+        )
 
     def close(self, timeout: float = CLOSE_TIMEOUT) -> Totals:
         """Write what waits, complete the file, and return how it went. A second time does nothing.
@@ -131,6 +184,7 @@ class Recorder:
             RecordingError: the file is not complete: the disk is full, or has hung for `timeout` seconds.
                 What was written can be read.
         """
+        where = str(self.series.paths[-1])
         if not self._thread.ident:
             self.start()
         self._ended.set()
@@ -138,11 +192,11 @@ class Recorder:
         if self._thread.is_alive():
             raise RecordingError(
                 f"has not taken what was recorded for {timeout:g} s",
-                where=str(self._writer.path),
+                where=where,
                 remedy="See what the disk does; the file can be mended.",
             )
         if self._is_failing:
-            raise RecordingError(f"is not complete: {self._error}", where=str(self._writer.path))
+            raise RecordingError(f"is not complete: {self._error}", where=where)
         return self.totals
 
     def __enter__(self) -> Self:
@@ -155,6 +209,7 @@ class Recorder:
     # ------------------------------------------------------------------------------- its own thread
 
     def _run(self) -> None:
+        ask_for_real_time(PRIORITY)
         is_over = False
         while not is_over:
             is_over = self._ended.wait(self._period)
@@ -172,79 +227,75 @@ class Recorder:
             self._is_failing = True
         else:
             if self._is_failing:
-                logger.warning("recording goes on; %d values are lost", self.totals.lost)
+                logger.warning("recording goes on; %d messages are lost", self.totals.lost)
             self._is_failing = False
 
     def _write(self) -> None:
-        failure: RecordingError | None = None
+        failure: Exception | None = None
+        try:
+            self._before_write()
+        except Exception as error:  # what has come is written all the same
+            failure = error
         for _ in range(len(self._queue)):
-            number, topic, value, stamp_ns, log_time = self._queue.popleft()
-            self._newest = max(self._newest, number)
-            self._drained += 1
-            message = self._encoded(topic, value, stamp_ns)
-            if message is None:
-                continue
-            type_name, data = message
-            try:
-                channel = self._channel(topic, type_name)
-            except RecordingError as error:
-                self._refused += 1
-                failure = error
-                continue
-            self._added += 1
-            try:
-                self._writer.message(channel, data, log_time, stamp_ns or log_time)
-            except RecordingError as error:  # of those before: this one is kept
-                failure = error
-        self._writer.flush()
+            messages, size, entry = self._queue.popleft()
+            self._drained += messages
+            if size:
+                with self._counting:
+                    self._held -= size
+            for raw in self._made(messages, entry):
+                failure = self._add(raw) or failure
+        self.series.flush()
         if failure is not None:
             raise failure
 
-    def _encoded(
-        self, topic: str, value: Value | Status, stamp_ns: int
-    ) -> tuple[str, bytes] | None:
-        """Return the type of a value and its message; None, told once a topic, if it cannot be recorded."""
-        type_name = cdr.TYPE_NAMES.get(type(value), "")
-        known, _ = self._channels.get(topic, (type_name, 0))
+    def _made(self, messages: int, entry: Entry) -> Iterable[Raw]:
+        """Return the messages of an entry; none, told once of a kind, if it fails."""
+        make, *arguments = entry
         try:
-            if not type_name:
-                raise RecordingError(f"a {type(value).__name__} cannot be recorded")
-            if known != type_name:
-                raise RecordingError(f"it is a {type_name}, not a {known} as before")
-            frame_id = getattr(value, "frame_id", "") or self._frame_id
-            return type_name, cdr.encode(value, stamp_ns, frame_id)
+            made = tuple(make(*arguments))
         except Exception as error:
-            if not self._unsuited[topic]:
-                logger.warning("recording: %s is left out: %s", topic, error)
-            self._unsuited[topic] += 1
-            return None
+            why = str(error) if isinstance(error, RecordingError) else unexpected(error)
+            self._leave_out(str(arguments[0]), why, messages)
+            return ()
+        self._drained += len(made) - messages
+        return made
 
-    def _channel(self, topic: str, type_name: str) -> int:
-        known = self._channels.get(topic)
-        if known is None:
-            known = self._channels[topic] = type_name, self._writer.channel(topic, type_name)
-        return known[1]
+    def _add(self, raw: Raw) -> RecordingError | None:
+        known = self._types.setdefault(raw.topic, raw.type_name)
+        if known != raw.type_name:
+            self._leave_out(raw.topic, f"it is a {raw.type_name}, not a {known} as before")
+            return None
+        try:
+            self.series.channel(raw)
+        except RecordingError as error:
+            self._refused += 1
+            return error
+        self._added += 1
+        try:
+            self.series.message(raw)
+        except RecordingError as error:  # of those before: this one is kept
+            return error
+        return None
+
+    def _leave_out(self, what: str, why: str, messages: int = 1) -> None:
+        if not self._unsuited[what]:
+            logger.warning("recording: %s is left out: %s", what, why)
+        self._unsuited[what] += messages
+
+    def _of_value(
+        self, topic: str, log_time: int, value: Value | Status, stamp_ns: int
+    ) -> Iterable[Raw]:
+        type_name = cdr.TYPE_NAMES.get(type(value))
+        if type_name is None:
+            raise RecordingError(f"a {type(value).__name__} cannot be recorded")
+        frame_id = getattr(value, "frame_id", "") or self._frame_id
+        data = cdr.encode(value, stamp_ns, frame_id)
+        return (Raw(topic, type_name, data, log_time, stamp_ns or log_time),)
 
     def _finish(self) -> None:
         totals = self.totals
         try:
             texts = {key: str(value) for key, value in asdict(totals).items() if value != ""}
-            self._writer.metadata(TOTALS, texts)
+            self.series.metadata(TOTALS, texts)
         finally:
-            self._writer.finish()
-
-
-def _begun(
-    path: str | Path, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
-) -> McapWriter:
-    writer = McapWriter(path)
-    try:
-        for name, texts in metadata.items():
-            writer.metadata(name, texts)
-        for name, data in attachments.items():
-            writer.attachment(name, data)
-    except RecordingError:
-        with suppress(RecordingError):
-            writer.finish()
-        raise
-    return writer
+            self.series.finish()

@@ -197,7 +197,9 @@ class _Scanner:
         number, schema, topic, encoding = fields.u16(), fields.u16(), fields.text(), fields.text()
         if schema not in self._schemas or encoding != MESSAGE_ENCODING:
             raise RecordingError(f"the messages of {topic} are of no type that is known")
-        self._new.channels[number] = Channel(number, topic, *self._schemas[schema])
+        self._new.channels[number] = Channel(
+            number, topic, *self._schemas[schema], texts=fields.texts()
+        )
 
     def _take_chunk(self, content: bytes, at: int, end: int) -> None:
         messages = messages_of(content)

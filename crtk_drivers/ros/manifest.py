@@ -6,11 +6,12 @@ Published once, latched, as JSON in a std_msgs/String on ``~/crtk_capabilities``
     schema          "crtk_capabilities/1"
     crtk_version    of the message package
     driver_version  of this package
-    device          {name, address}
+    device          {name, address, type}: what it is, as ``tracker``, or empty
     commands        {CRTK name: {name on ROS, type, direction, level, units, summary}}
     services        {name: {name on ROS, type, summary}}: what it does beyond CRTK
     inputs          {name: {name on ROS, type, summary}}: what it takes beyond CRTK
     readings        {name: {name on ROS, type, summary}}: what it tells beyond CRTK
+    followers       [sub-namespace]: parts whose state is that of this device, each with a manifest of its own
     joints          [{name, lower, upper, velocity, acceleration, jerk, effort}], in the order of all vectors
     tool            limits of the tool, or null
     frames          {base, tool}: as they appear in messages and on /tf
@@ -31,10 +32,11 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from crtk_drivers.commands import ROS_TYPES
-from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine
 from crtk_drivers.ros.names import Frames
 
+MANIFEST = "crtk_capabilities"
+"""Its topic, below the name of the node."""
 SCHEMA = "crtk_capabilities/1"
 CRTK_VERSION = "1.3.0"
 """Of crtk_msgs, whose messages and names this node speaks."""
@@ -74,7 +76,11 @@ def manifest(
         "schema": SCHEMA,
         "crtk_version": CRTK_VERSION,
         "driver_version": driver_version(),
-        "device": {"name": engine.name, "address": engine.device.address},
+        "device": {
+            "name": engine.name,
+            "address": engine.device.address,
+            "type": capabilities.type,
+        },
         "commands": commands,
         "services": {
             name: {
@@ -94,12 +100,14 @@ def manifest(
         },
         "readings": {
             name: {
-                "name": ros_names[f"{READINGS}/{name}"],
+                "name": ros_names[reading.told_as(name)],
                 "type": ROS_TYPES[reading.payload],
                 "summary": reading.summary,
             }
             for name, reading in engine.readings.items()
         },
+        "children": sorted(engine.device.children),
+        "followers": sorted(engine.device.followers),
         "estimates": sorted(capabilities.estimates),
         "joints": [
             {"name": name, **_finite(asdict(limits))}

@@ -9,11 +9,17 @@ from crtk_drivers.errors import ConfigError
 NODE_NAME = "crtk_driver"
 SERVICES_NODE_NAME = "crtk_driver_services"
 """Of what a device does beyond CRTK; a node of its own."""
+STOPS_NODE_NAME = "crtk_driver_stops"
+"""Of those services of a device that are stops: they wait for no other one."""
 
 AMONG_DRIVERS = "drivers"
 """Topic on which the drivers of a namespace tell each other that they are there."""
 DESCRIPTION = "robot_description"
 """Topic on which a device is told as URDF."""
+JOINT_STATES = "joint_states"
+"""Topic on which all joints are told by name."""
+ACTIONS_NODE_NAME = "crtk_driver_actions"
+"""Of the actions for MoveIt; a node of its own."""
 ANOTHER_DRIVER = "another driver"
 """Key of the note that tells of one."""
 

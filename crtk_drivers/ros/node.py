@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
@@ -13,16 +14,19 @@ from typing_extensions import override
 
 from crtk_drivers.commands import ROS_TYPES
 from crtk_drivers.config import NodeConfig
-from crtk_drivers.device import READINGS
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.controller_topics import ControllerTopics
 from crtk_drivers.ros.diagnostics import Diagnostics
-from crtk_drivers.ros.manifest import manifest
+from crtk_drivers.ros.joint_names import JointNames
+from crtk_drivers.ros.joint_states import JointStatesTopic
+from crtk_drivers.ros.manifest import MANIFEST, manifest
 from crtk_drivers.ros.mismatches import TypeConflicts
+from crtk_drivers.ros.moveit import Actions
 from crtk_drivers.ros.names import AMONG_DRIVERS, NODE_NAME, Frames
 from crtk_drivers.ros.operating_state import StatusTopic
-from crtk_drivers.ros.parameters import declare_frame_prefix, declare_rates, declare_share_namespace
+from crtk_drivers.ros.parameters import declare_fixed, declare_frame_prefix, declare_rates
 from crtk_drivers.ros.presence import Presence
 from crtk_drivers.ros.publishing import PublishingThread
 from crtk_drivers.ros.readings import ReadingTopics
@@ -52,6 +56,7 @@ class _Listener(Observer):
         self, engine: Engine, status: StatusTopic, refusals: RefusalTopic, latched: LatchedTopics
     ) -> None:
         self._where = engine.where
+        self._afterwards = engine.after_telling
         self._status = status
         self._refusals = refusals
         self._latched = latched
@@ -70,7 +75,7 @@ class _Listener(Observer):
 
     @override
     def warned(self, text: str) -> None:
-        logger.warning("%s: %s", self._where, text)
+        self._afterwards(partial(logger.warning, "%s: %s", self._where, text))
 
 
 class DriverNode:
@@ -103,26 +108,43 @@ class DriverNode:
         prefix = declare_frame_prefix(node, config)
         self._frames = frames = Frames(prefix, engine.capabilities.base_frame)
         self._rosout = RosoutHandler(node, self._thread) if tells_log else logging.NullHandler()
-        self._status = StatusTopic(node, self._thread, engine.status)
         self._refusals = RefusalTopic(node, self._thread)
-        self._feedback = FeedbackTopics(node, self._thread, engine, frames)
-        self._latched = LatchedTopics(node, self._thread, engine, frames)
+        self._status = StatusTopic(
+            node,
+            self._thread,
+            engine.status,
+            is_told=engine.has_state,
+            before=self._refusals.publish,
+        )
+        self._feedback = FeedbackTopics(node, self._thread, engine)
+        self._latched = LatchedTopics(node, self._thread, engine)
         self._readings = ReadingTopics(node, self._thread, engine, frames)
         self._transforms = Transforms(node, self._thread, engine, frames)
-        self._description = DescriptionTopic(node, self._thread, engine, frames)
-        shares = declare_share_namespace(node, config)
+        joints = JointNames(declare_fixed(node, config, "joint_prefix"))
+        self._description = DescriptionTopic(node, self._thread, engine, frames, joints)
+        shares = declare_fixed(node, config, "share_namespace")
         self._presence = Presence(node, self._thread, engine, shares, self._serve_or_stand_by)
         admit = self._presence.admit
         self._commands = CommandTopics(node, engine, frames, admit)
         self._thread.job("senders", self._commands.senders.look, LOOK_RATE)
         self._services = Services(node, engine, self._status.next_stamp)
         self._device_services = DeviceServices(context, node.get_namespace(), engine, admit)
+        tells_joints = declare_fixed(node, config, "joint_states")
+        serves_moveit = declare_fixed(node, config, "moveit")
+        self._joint_states: JointStatesTopic | None = None
+        if (tells_joints or serves_moveit) and "measured_js" in engine.commands:
+            self._joint_states = JointStatesTopic(node, self._thread, engine, joints)
+        self._actions: Actions | None = None
+        if serves_moveit:
+            ControllerTopics(node, engine, self._commands, joints, admit)
+            where = context, node.get_namespace()
+            self._actions = Actions(*where, self._thread, engine, joints, admit)
         self._ros_names = self._names_on_ros()
         self._set_up_diagnostics()
         self._set_up_manifest()
         self._listener = _Listener(engine, self._status, self._refusals, self._latched)
         set_rate = {
-            "publish_rate": self._feedback.set_rate,
+            "publish_rate": self._set_publish_rate,
             "tf_rate": self._transforms.job.set_rate,
             "heartbeat_rate": self._status.job.set_rate,
             "diagnostics_rate": self._diagnostics_job.set_rate,
@@ -143,7 +165,10 @@ class DriverNode:
         self._thread.start()
         self._latched.job.ask()
         self._description.job.ask()
+        self._services.start()
         self._device_services.start()
+        if self._actions is not None:
+            self._actions.start()
 
     def stop(self, timeout: float = PUBLISHER_TIMEOUT) -> bool:
         """Publish what is still to be told and end; False if DDS still blocks after `timeout` s."""
@@ -151,8 +176,16 @@ class DriverNode:
         self._engine.remove_observer(self._listener)
         self._engine.on_sample = None
         self._presence.leave()
+        self._services.stop(timeout)
         self._device_services.stop(timeout)
+        if self._actions is not None:
+            self._actions.stop(timeout)
         return self._thread.stop(timeout)
+
+    def _set_publish_rate(self, rate: float) -> None:
+        self._feedback.set_rate(rate)
+        if self._joint_states is not None:
+            self._joint_states.job.set_rate(rate)
 
     def _serve_or_stand_by(self, serves: bool) -> None:
         """While another driver serves, clients hear from that one alone."""
@@ -165,15 +198,17 @@ class DriverNode:
             **self._latched.publishers,
             **self._commands.subscriptions,
             **self._readings.publishers,
-            "operating_state": self._status.publisher,
         }
+        if self._status.publisher is not None:
+            endpoints["operating_state"] = self._status.publisher
         names = {name: endpoint.topic_name for name, endpoint in endpoints.items()}
         services = {**self._services.services, **self._device_services.services}
         names |= {name: srv.service_name for name, srv in services.items()}
         payloads = {name: command.payload for name, command in self._engine.commands.items()}
         payloads |= {name: taken.payload for name, taken in self._engine.inputs.items()}
         payloads |= {
-            f"{READINGS}/{name}": reading.payload for name, reading in self._engine.readings.items()
+            reading.told_as(name): reading.payload
+            for name, reading in self._engine.readings.items()
         }
         expected = {
             endpoint.topic_name: ROS_TYPES[payloads[name]] for name, endpoint in endpoints.items()
@@ -195,11 +230,13 @@ class DriverNode:
         )
 
     def _set_up_manifest(self) -> None:
-        publisher = qos.publisher(self.node, String, "~/crtk_capabilities", qos.LATCHED)
+        publisher = qos.publisher(self.node, String, f"~/{MANIFEST}", qos.LATCHED)
         self._rates: dict[str, float] = {}
 
         def publish() -> None:
             content = manifest(self._engine, self._frames, self._rates, self._ros_names)
-            publisher.publish(String(data=json.dumps(content, allow_nan=False)))
+            text = json.dumps(content, allow_nan=False)
+            self._engine.standing[f"{NODE_NAME}/{MANIFEST}"] = text
+            publisher.publish(String(data=text))
 
         self._manifest_job = self._thread.job("manifest", publish)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 
 from crtk_msgs.msg import OperatingState as OperatingStateMessage
@@ -30,11 +31,31 @@ BURST = 10.0
 
 
 class StatusTopic:
-    """The topic and what is still to be told on it."""
+    """The topic and what is still to be told on it.
 
-    def __init__(self, node: Node, thread: PublishingThread, status: Status) -> None:
-        self.publisher = qos.publisher(
-            node, OperatingStateMessage, "operating_state", qos.OPERATING_STATE
+    Args:
+        node: in whose namespace it is.
+        thread: that publishes.
+        status: at the beginning.
+        is_told: there is a topic; otherwise it is that of another device that counts.
+        before: called by the thread before it tells a status: whoever sees the pulse of a refused move is to
+            have been told that it is refused.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        thread: PublishingThread,
+        status: Status,
+        *,
+        is_told: bool = True,
+        before: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._before = before
+        self.publisher = (
+            qos.publisher(node, OperatingStateMessage, "operating_state", qos.OPERATING_STATE)
+            if is_told
+            else None
         )
         self.job: Job = thread.job("operating_state", self._publish)
         self._lock = threading.Lock()
@@ -74,9 +95,11 @@ class StatusTopic:
                 status, stamp_ns = self._pending[0]
                 pulses = all(told.state is self._told.state for told, _ in self._pending)
                 if pulses and self._allowance < 1.0:
-                    return  # the heartbeat comes back to it
+                    self.job.run_again((1.0 - self._allowance) / SUSTAINED_RATE)
+                    return
                 self._pending.popleft()
             self._allowance = max(0.0, self._allowance - 1.0)
+            self._before()
             self._send(status, stamp_ns)
 
     def _refill(self) -> None:
@@ -87,7 +110,8 @@ class StatusTopic:
 
     def _send(self, status: Status, stamp_ns: int) -> None:
         self._told = status
-        self.publisher.publish(cdr.encode(status, self.next_stamp(stamp_ns)))
+        if self.publisher is not None:
+            self.publisher.publish(cdr.encode(status, self.next_stamp(stamp_ns)))
 
 
 def _is_second_pulse(untold: list[Status]) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from annotated_types import Ge, Gt, Le
 from pydantic.fields import FieldInfo
@@ -58,9 +58,9 @@ def declare_frame_prefix(node: Node, initial: NodeConfig) -> str:
     return _declare(node, "frame_prefix", default, _read_only("frame_prefix"))
 
 
-def declare_share_namespace(node: Node, initial: NodeConfig) -> bool:
-    """Declare ``share_namespace`` and return what it is."""
-    return _declare(node, "share_namespace", initial.share_namespace, _read_only("share_namespace"))
+def declare_fixed(node: Node, initial: NodeConfig, name: str) -> Any:
+    """Declare a parameter that cannot be changed, and return what it is."""
+    return _declare(node, name, getattr(initial, name), _read_only(name))
 
 
 def _read_only(name: str) -> ParameterDescriptor:

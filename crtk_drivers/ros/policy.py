@@ -11,16 +11,31 @@ article "ROS 2 Access Control Policies").
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 from xml.etree import ElementTree
 
 from crtk_drivers.commands import Direction
-from crtk_drivers.device import READINGS, Device
-from crtk_drivers.device.offered import offered
-from crtk_drivers.ros.names import AMONG_DRIVERS, DESCRIPTION, NODE_NAME, SERVICES_NODE_NAME
+from crtk_drivers.config import NodeConfig
+from crtk_drivers.device import Device
+from crtk_drivers.device.offered import offered, without_state
+from crtk_drivers.ros.controllers import SERVICES as ACTION_SERVICES
+from crtk_drivers.ros.controllers import TOPICS, actions_of, inputs_of, part
+from crtk_drivers.ros.manifest import MANIFEST
+from crtk_drivers.ros.names import (
+    ACTIONS_NODE_NAME,
+    AMONG_DRIVERS,
+    DESCRIPTION,
+    JOINT_STATES,
+    NODE_NAME,
+    SERVICES_NODE_NAME,
+    STOPS_NODE_NAME,
+)
+from crtk_drivers.session.recordings import SERVICES
+
+_NODE: Final = NodeConfig()
 
 VERSION: Final = "0.2.0"
 
@@ -65,15 +80,34 @@ class Interface:
     nodes: tuple[str, ...]
 
 
-def interface(device: Device, namespace: str) -> Interface:
-    """Return what a device has on ROS in a namespace, without the devices behind it."""
+def interface(
+    device: Device,
+    namespace: str,
+    own: Collection[str] = (),
+    *,
+    has_state: bool = True,
+    node: NodeConfig = _NODE,
+) -> Interface:
+    """Return what a device has on ROS in a namespace, without the devices behind it.
+
+    `own` are services that the driver has beside the device's.
+    """
+    tells_joints = (node.joint_states or node.moveit) and "measured_js" in offered(device)
+    actions = actions_of(device) if node.moveit else ()
     space = namespace.rstrip("/")
-    commands = offered(device)
+    commands = offered(device) if has_state else without_state(offered(device))
     by_direction = {
         direction: [name for name, row in commands.items() if row.direction is direction]
         for direction in Direction
     }
-    nodes = [NODE_NAME, *([SERVICES_NODE_NAME] if device.services else [])]
+    services = tuple(dict.fromkeys((*own, *device.services)))
+    stops = {name for name, service in device.services.items() if service.stops}
+    nodes = [
+        NODE_NAME,
+        *([SERVICES_NODE_NAME] if set(services) - stops else []),
+        *([STOPS_NODE_NAME] if stops else []),
+        *([ACTIONS_NODE_NAME] if actions else []),
+    ]
 
     def full(*names: str) -> tuple[str, ...]:
         return tuple(sorted(f"{space}/{name}" for name in names))
@@ -84,39 +118,55 @@ def interface(device: Device, namespace: str) -> Interface:
     return Interface(
         publishes=full(
             *by_direction[Direction.PUBLISHED],
-            *(f"{READINGS}/{name}" for name in device.readings),
+            *(reading.told_as(name) for name, reading in device.readings.items()),
             "refusals",
             *([DESCRIPTION] if device.kinematics is not None else []),
-            f"{NODE_NAME}/crtk_capabilities",
+            *([JOINT_STATES] if tells_joints else []),
+            *(part(action, topic) for action in actions for topic in TOPICS),
+            f"{NODE_NAME}/{MANIFEST}",
         ),
         shares=tuple(
             topic for topic in _TOLD_BY_ALL if topic != "/tf" or "measured_cp" in commands
         ),
         among=full(AMONG_DRIVERS),
-        takes=full(*by_direction[Direction.COMMANDED], *device.inputs),
-        answers=full(
-            *by_direction[Direction.SERVICE], "operating_state", "crtk_version", *of_nodes(_LOOKING)
+        takes=full(
+            *by_direction[Direction.COMMANDED],
+            *device.inputs,
+            *(inputs_of(device) if node.moveit else ()),
         ),
-        serves=full(*device.services, *of_nodes(_SETTING)),
+        answers=full(
+            *by_direction[Direction.SERVICE],
+            *(["operating_state"] if has_state else []),
+            "crtk_version",
+            *of_nodes(_LOOKING),
+        ),
+        serves=full(
+            *services,
+            *(part(action, service) for action in actions for service in ACTION_SERVICES),
+            *of_nodes(_SETTING),
+        ),
         nodes=full(*nodes),
     )
 
 
-def interfaces(device: Device, namespace: str) -> Iterator[Interface]:
+def interfaces(device: Device, namespace: str, node: NodeConfig = _NODE) -> Iterator[Interface]:
     """Yield what a device and those behind it have on ROS."""
-    yield interface(device, namespace)
+    yield interface(device, namespace, SERVICES, node=node)
     for name, behind in device.children.items():
-        yield interface(behind, f"{namespace.rstrip('/')}/{name}")
+        has_state = name not in device.followers
+        space = f"{namespace.rstrip('/')}/{name}"
+        yield interface(behind, space, has_state=has_state, node=node)
 
 
-def policy(device: Device, namespace: str) -> str:
+def policy(device: Device, namespace: str, node: NodeConfig = _NODE) -> str:
     """Return the policy of a device as XML.
 
     Args:
         device: not open.
         namespace: of the driver, checked by `crtk_drivers.ros.names.checked_namespace`.
+        node: what its node serves.
     """
-    there = tuple(interfaces(device, namespace))
+    there = tuple(interfaces(device, namespace, node))
     root = ElementTree.Element("policy", version=VERSION)
     enclaves = ElementTree.SubElement(root, "enclaves")
     space = namespace.rstrip("/")

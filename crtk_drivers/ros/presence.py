@@ -144,7 +144,7 @@ class Presence:
             name = f"{told['driver']} (process {told['pid']} on {told['host']})"
             rank = (not told["established"], int(told["started"]), key)
             there = bool(told["there"])
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
             logger.debug("%s: not of a driver: %.200s", self._namespace, message.data)
             return
         if key == self._id:

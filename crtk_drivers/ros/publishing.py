@@ -53,6 +53,10 @@ class Job:
             self.wanted = True
             self._wake()
 
+    def run_again(self, seconds: float) -> None:
+        """Run it in so many seconds at the latest; the job itself says so."""
+        self.due = min(self.due, time.monotonic() + seconds)
+
     def advance(self, now: float) -> None:
         """Set the next due time on the job's own grid; what was missed is skipped."""
         if self.follows and self.wanted:

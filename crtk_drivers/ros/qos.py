@@ -11,7 +11,7 @@ topic has these parameters only if one of them was given: five hundred of them w
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from copy import copy
 from typing import Any
 
@@ -50,7 +50,7 @@ TF = _profile(100, DurabilityPolicy.VOLATILE)
 NEWEST = _profile(1, DurabilityPolicy.VOLATILE)
 """For absolute commands: an older one is worth nothing."""
 EVERY = _profile(10, DurabilityPolicy.VOLATILE)
-"""For state_command, hold and free: each counts."""
+"""For state_command, hold, free, and trajectories, of which one without points is a stop: each counts."""
 INCREMENTS = _profile(200, DurabilityPolicy.VOLATILE)
 """For relative commands: a lost one is lost motion. 200 of them are 0.4 s at 500 Hz."""
 
@@ -68,6 +68,21 @@ def of_command(command: Command) -> QoSProfile:
 def of_feedback(command: Command) -> QoSProfile:
     """Return the profile with which the device publishes `command`."""
     return LATCHED if command.level in (Level.GOAL, Level.SETTING) else DATA
+
+
+def as_offered(profiles: Iterable[QoSProfile], depth: int) -> QoSProfile:
+    """Return the profile that hears all of some publishers, what they said before too if all keep that."""
+    found = tuple(profiles)
+    is_reliable = all(each.reliability is ReliabilityPolicy.RELIABLE for each in found)
+    is_latched = bool(found) and all(
+        each.durability is DurabilityPolicy.TRANSIENT_LOCAL for each in found
+    )
+    return QoSProfile(
+        depth=depth,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 _POLICY_NAMES = {kind.value: kind.name.lower() for kind in QoSPolicyKind}

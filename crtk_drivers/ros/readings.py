@@ -12,7 +12,7 @@ from functools import partial
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from crtk_drivers.device import READINGS, Reading
+from crtk_drivers.device import Reading
 from crtk_drivers.engine import Engine
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
@@ -23,6 +23,8 @@ from crtk_drivers.samples import Value
 
 RATE = 50.0
 """Hz at which they are looked at."""
+REPEATED = 0.05
+"""Seconds after which those that repeat are told again."""
 
 
 @dataclass(slots=True)
@@ -30,6 +32,7 @@ class _Topic:
     reading: Reading
     publisher: Publisher
     told: Value | None = None
+    told_at: float = 0.0
 
 
 class ReadingTopics:
@@ -41,9 +44,9 @@ class ReadingTopics:
         self._frames = frames
         self._thread = thread
         self._topics = {
-            f"{READINGS}/{name}": _Topic(
+            reading.told_as(name): _Topic(
                 reading,
-                qos.publisher(node, TYPES[reading.payload], f"{READINGS}/{name}", qos.LATCHED),
+                qos.publisher(node, TYPES[reading.payload], reading.told_as(name), qos.LATCHED),
             )
             for name, reading in engine.readings.items()
         }
@@ -57,13 +60,13 @@ class ReadingTopics:
 
     def _publish(self) -> None:
         for name, topic in self._topics.items():
-            value = topic.reading.tell()
-            if value is None or value == topic.told:
-                continue
-            frame_id = self._frames.outgoing(getattr(value, "frame_id", ""))
-            if self._thread.attempt(name, partial(self._send, topic, value, frame_id)):
-                topic.told = value
+            self._thread.attempt(name, partial(self._look, topic))
 
-    @staticmethod
-    def _send(topic: _Topic, value: Value, frame_id: str) -> None:
+    def _look(self, topic: _Topic) -> None:
+        value, now = topic.reading.tell(), time.monotonic()
+        is_due = topic.reading.repeats and now - topic.told_at >= REPEATED
+        if value is None or (value == topic.told and not is_due):
+            return
+        frame_id = self._frames.outgoing(getattr(value, "frame_id", ""))
         topic.publisher.publish(cdr.encode(value, time.time_ns(), frame_id))
+        topic.told, topic.told_at = value, now

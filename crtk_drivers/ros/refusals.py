@@ -13,7 +13,6 @@ interval is over. Each refused move and state command is told.
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
@@ -27,6 +26,7 @@ from crtk_drivers.commands import Level, find, is_name
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.publishing import PublishingThread
+from crtk_drivers.session.tape import refusal_text
 from crtk_drivers.status.throttle import Throttle
 
 logger = logging.getLogger(__name__)
@@ -56,7 +56,7 @@ class RefusalTopic:
     def __init__(self, node: Node, thread: PublishingThread) -> None:
         self.is_told = True
         self._publisher = qos.publisher(node, String, "refusals", qos.REFUSALS)
-        self._job = thread.job("refusals", self._publish, SWEEP_RATE)
+        self._job = thread.job("refusals", self.publish, SWEEP_RATE)
         self._lock = threading.Lock()
         self._kinds: dict[tuple[str, Reason], _Kind] = {}
         self._each: deque[tuple[CommandRefused, int]] = deque(maxlen=MOST_AT_ONCE)
@@ -79,7 +79,8 @@ class RefusalTopic:
         if due:
             self._job.ask()
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
+        """Tell what is to be told now. The publishing thread only."""
         now = time.monotonic()
         with self._lock:
             each, self._each = self._each, deque(maxlen=MOST_AT_ONCE)
@@ -94,16 +95,7 @@ class RefusalTopic:
     def _tell(self, refusal: CommandRefused, count: int) -> None:
         if not self.is_told:
             return
-        seconds, nanoseconds = divmod(refusal.stamp_ns, 1_000_000_000)
-        content = {
-            "command": refusal.command,
-            "reason": refusal.reason.value,
-            "message": refusal.detail,
-            "remedy": refusal.remedy,
-            "count": count,
-            "stamp": {"sec": seconds, "nanosec": nanoseconds},
-        }
-        self._publisher.publish(String(data=json.dumps(content)))
+        self._publisher.publish(String(data=refusal_text(refusal, count)))
 
     def _due(self, now: float) -> list[tuple[CommandRefused, int, int]]:
         due = []

@@ -16,6 +16,7 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.kinematics.found_chain import found_chain
 from crtk_drivers.kinematics.urdf_text import urdf_of
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.joint_names import JointNames
 from crtk_drivers.ros.names import DESCRIPTION, Frames
 from crtk_drivers.ros.publishing import Job, PublishingThread
 
@@ -32,9 +33,15 @@ class DescriptionTopic:
     """Exists for a device with kinematics; silent as long as these are no chain's."""
 
     def __init__(
-        self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
+        self,
+        node: Node,
+        thread: PublishingThread,
+        engine: Engine,
+        frames: Frames,
+        joints: JointNames,
     ) -> None:
         self._engine = engine
+        self._joints = joints
         self._frames = frames
         self._name = node.get_namespace().strip("/").replace("/", "_") or engine.name
         self._publisher = None
@@ -65,7 +72,8 @@ class DescriptionTopic:
             base=capabilities.base_frame,
             tip=f"{capabilities.tool_frame}{TIP}",
             frame=self._frames.outgoing,
+            joint=lambda name: self._joints.outgoing([name])[0],
         )
         if text != self._told:
-            self._told = text
+            self._told = self._engine.standing[DESCRIPTION] = text
             self._publisher.publish(String(data=text))

@@ -20,7 +20,7 @@ from rclpy.waitable import NumberOfEntities, Waitable
 from typing_extensions import override
 
 from crtk_drivers.motion.arbiter import Client
-from crtk_drivers.ros.unlocked import UnlockedNode, rcl_error
+from crtk_drivers.ros.unlocked import UnlockedNode, new_message, rcl_error
 
 logger = logging.getLogger(__name__)
 
@@ -32,25 +32,7 @@ KNOWN_SENDERS = 256
 
 _PARTICIPANT = 12
 UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"
-_FIRST_SIZE = 1024
 _NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED (rcl/types.h)
-
-
-class _Allocator(ctypes.Structure):
-    """``rcutils_allocator_t`` (rcutils/allocator.h)."""
-
-    _fields_ = (("functions", ctypes.c_void_p * 4), ("state", ctypes.c_void_p))
-
-
-class _SerializedMessage(ctypes.Structure):
-    """``rcutils_uint8_array_t`` (rcutils/types/uint8_array.h); rcl makes it larger where it must."""
-
-    _fields_ = (
-        ("buffer", ctypes.c_void_p),
-        ("length", ctypes.c_size_t),
-        ("capacity", ctypes.c_size_t),
-        ("allocator", _Allocator),
-    )
 
 
 class _MessageInfo(ctypes.Structure):
@@ -67,13 +49,7 @@ class _MessageInfo(ctypes.Structure):
     )
 
 
-# Both are in this process already: rclpy is linked with them.
-_rcutils = ctypes.CDLL("librcutils.so")
-_rcutils.rcutils_get_default_allocator.restype = _Allocator
-_init = _rcutils.rcutils_uint8_array_init
-_init.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
-_fini = _rcutils.rcutils_uint8_array_fini
-_fini.argtypes = (ctypes.c_void_p,)
+# It is in this process already: rclpy is linked with it.
 _take = ctypes.CDLL("librcl.so").rcl_take_serialized_message
 _take.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -200,14 +176,11 @@ class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no ty
         self._index = -1
         self._failed = False
         self._info = _MessageInfo()
-        self._message = _SerializedMessage()
-        allocator = _rcutils.rcutils_get_default_allocator()
-        if _init(ctypes.byref(self._message), _FIRST_SIZE, ctypes.byref(allocator)):
-            raise MemoryError(f"no memory to receive {self._topic}")
+        self._message = new_message()
         node.read_by(subscription, self)
 
     def __del__(self) -> None:
-        _fini(ctypes.byref(self._message))
+        self._message.release()
 
     def __enter__(self) -> None:
         self._handle.__enter__()

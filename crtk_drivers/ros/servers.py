@@ -2,7 +2,7 @@
 
 A query that is refused answers with `result` False and the reason in `message`. What a device does beyond
 CRTK (`crtk_drivers.device.Service`) is a std_srvs/Trigger of that name; these take their time, and so have a
-node and a thread of their own.
+node and a thread of their own. Those that are stops have another: they are not kept waiting by the rest.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from queue import SimpleQueue
+from typing import Any, Final
 
 from crtk_msgs.srv import TriggerOperatingState
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from rclpy.service import Service
 from std_srvs.srv import Trigger
 
@@ -25,33 +25,80 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, CrtkError, KinematicsError
 from crtk_drivers.ros.manifest import CRTK_VERSION
 from crtk_drivers.ros.messages import TYPES, fill_status, pose_of, set_pose
-from crtk_drivers.ros.names import SERVICES_NODE_NAME
-from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
+from crtk_drivers.ros.names import SERVICES_NODE_NAME, STOPS_NODE_NAME
+from crtk_drivers.ros.own_thread import SpunNode
 from crtk_drivers.ros.unlocked import UnlockedNode
+from crtk_drivers.ros.unlocked_service import UnlockedService
 from crtk_drivers.samples import vector
 
 logger = logging.getLogger(__name__)
 
+MOST_QUESTIONS: Final = 64
+"""For inverse kinematics that wait."""
+
 
 class Services:
-    """The services of one device. `next_stamp` gives stamps that fit in with the topic's."""
+    """The services of one device. `next_stamp` gives stamps that fit in with the topic's.
 
-    def __init__(self, node: Node, engine: Engine, next_stamp: Callable[[int], int]) -> None:
+    Inverse kinematics are asked in a thread of their own: a pose out of reach takes generic ones 0.2 s, and
+    whoever asks for many must not hold up the commands of others, a stop among them.
+    """
+
+    def __init__(
+        self, node: UnlockedNode, engine: Engine, next_stamp: Callable[[int], int]
+    ) -> None:
         self._engine = engine
         self._next_stamp = next_stamp
-        answers: dict[Payload, Callable[[str, Any, Any], None]] = {
-            Payload.FORWARD_KINEMATICS: self._forward_kinematics,
-            Payload.INVERSE_KINEMATICS: self._inverse_kinematics,
-        }
-        self.services: dict[str, Service] = {
-            name: node.create_service(
-                TYPES[command.payload], name, self._query(name, answers[command.payload])
-            )
-            for name, command in engine.commands.items()
-            if command.direction is Direction.SERVICE
-        }
-        node.create_service(TriggerOperatingState, "operating_state", self._operating_state)
+        self._asked: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._thread = threading.Thread(
+            target=self._answer, name=f"kinematics {engine.name}", daemon=True
+        )
+        self.services: dict[str, Service] = {}
+        for name, command in engine.commands.items():
+            if command.direction is not Direction.SERVICE:
+                continue
+            kind: Any = TYPES[command.payload]
+            if command.payload is Payload.INVERSE_KINEMATICS:
+                ask = partial(self._ask, self._query(name, self._inverse_kinematics), kind.Response)
+                self.services[name] = UnlockedService(node, kind, name, ask).service
+            else:
+                answer = self._query(name, self._forward_kinematics)
+                self.services[name] = node.create_service(kind, name, answer)
+        if engine.has_state:
+            node.create_service(TriggerOperatingState, "operating_state", self._operating_state)
         node.create_service(Trigger, "crtk_version", self._crtk_version)
+
+    def start(self) -> None:
+        """Begin to answer what takes long."""
+        if "inverse_kinematics" in self.services:
+            self._thread.start()
+
+    def stop(self, timeout: float) -> None:
+        """Answer no more of that; what is being answered is waited for, for `timeout` s."""
+        self._asked.put(None)
+        if self._thread.is_alive():
+            self._thread.join(timeout)
+
+    def _ask(
+        self,
+        respond: Callable[[Any, Any], Any],
+        make: Callable[[], Any],
+        request: Any,
+        reply: Callable[[Any], None],
+    ) -> None:
+        response = make()
+        if self._asked.qsize() >= MOST_QUESTIONS:
+            response.message = f"{MOST_QUESTIONS} questions wait. Ask again once they are answered."
+            reply(response)
+            return
+        self._asked.put(lambda: reply(respond(request, response)))
+
+    def _answer(self) -> None:
+        while (ask := self._asked.get()) is not None:
+            try:
+                ask()
+            except Exception:
+                logger.exception("%s: a question was not answered", self._engine.where)
 
     def _operating_state(self, request: Any, response: Any) -> Any:
         fill_status(response.operating_state, self._engine.status, self._next_stamp(time.time_ns()))
@@ -106,44 +153,26 @@ class DeviceServices:
     ) -> None:
         self._engine = engine
         self._admit = admit
-        self._stop = threading.Event()
-        self._node: Node | None = None
+        self._spun: list[SpunNode] = []
         self.services: dict[str, Service] = {}
-        if not engine.services:
-            return
-        self._node = node = UnlockedNode(
-            SERVICES_NODE_NAME, namespace=namespace, context=context, enable_rosout=False
-        )
-        self._executor = make_executor(context)
-        self._executor.add_node(node)
-        self.services = {
-            name: node.create_service(Trigger, name, self._answer(name)) for name in engine.services
-        }
-        self._thread = threading.Thread(
-            target=self._spin, name=f"services {engine.name}", daemon=True
-        )
+        for stops, node_name in ((False, SERVICES_NODE_NAME), (True, STOPS_NODE_NAME)):
+            names = [name for name, each in engine.services.items() if each.stops is stops]
+            if not names:
+                continue
+            spun = SpunNode(context, node_name, namespace, f"{node_name} {engine.name}")
+            self._spun.append(spun)
+            for name in names:
+                self.services[name] = spun.node.create_service(Trigger, name, self._answer(name))
 
     def start(self) -> None:
         """Begin to serve."""
-        if self._node is not None:
-            self._thread.start()
+        for spun in self._spun:
+            spun.start()
 
     def stop(self, timeout: float) -> None:
         """Serve no more. One that is being carried out is waited for, for `timeout` s."""
-        if self._node is None:
-            return
-        self._stop.set()
-        if self._thread.ident is not None:
-            self._thread.join(timeout)
-        self._executor.shutdown(timeout_sec=0.0)
-        self._node.destroy_node()
-
-    def _spin(self) -> None:
-        while not self._stop.is_set():
-            try:
-                self._executor.spin_once(timeout_sec=SPIN_PERIOD)
-            except ExternalShutdownException:
-                return
+        for spun in self._spun:
+            spun.stop(timeout)
 
     def _answer(self, name: str) -> Callable[[Any, Any], Any]:
         def respond(request: Any, response: Any) -> Any:

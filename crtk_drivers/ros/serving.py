@@ -102,7 +102,7 @@ class Serving:
             driver.start()
 
     def spin(self, stop: StopRequest, idle: Callable[[], None] | None = None) -> None:
-        """Serve callbacks until `stop` is set or the context is shut down.
+        """Serve callbacks until `stop` is set or the context is shut down. One that fails is logged.
 
         Args:
             idle: called about ten times a second, from this thread.
@@ -113,6 +113,9 @@ class Serving:
                 self._executor.spin_once(timeout_sec=SPIN_PERIOD)
             except ExternalShutdownException:
                 return
+            except Exception:  # what somebody sends ends no driver
+                if not stop.is_set():
+                    logger.exception("a ROS callback failed")
             if idle is not None and time.monotonic() - called >= SPIN_PERIOD:
                 called = time.monotonic()
                 idle()
@@ -155,7 +158,7 @@ def run(
         namespace: checked by `crtk_drivers.ros.names.checked_namespace`.
         ros_args: see `Serving`.
         config: initial values of the node's parameters.
-        served: called once with the namespace in which the device is, after remapping.
+        served: called once with the namespace in which the device is, after remapping, before it is opened.
         idle: called about ten times a second, for a status line.
 
     Raises:
@@ -169,11 +172,13 @@ def run(
             session.close()
             raise
         serving.start()
-        if served is not None:
-            served(serving.driver.node.get_namespace())
-        _leave_out_of_collections()
         code = 0
         try:
+            namespace = serving.driver.node.get_namespace()
+            session.recordings.place(namespace)
+            if served is not None:
+                served(namespace)
+            _leave_out_of_collections()
             session.start()
             serving.spin(stop, idle)
         finally:
@@ -196,7 +201,7 @@ def _leave_out_of_collections() -> None:
 
 @contextmanager
 def _signals(stop: StopRequest) -> Iterator[None]:
-    """Set `stop` at SIGINT and SIGTERM.
+    """Set `stop` at SIGINT, SIGTERM and SIGHUP.
 
     A later SIGINT has its usual effect; one that follows at once is the same one, sent to the process
     and passed on by its launcher.

@@ -61,11 +61,11 @@ class CommandTopics:
                 continue
             profile, kind = qos.of_command(command), TYPES[command.payload]
             subscription = qos.subscription(node, kind, name, _unread, profile)
-            receive = self._guarded(name, self._handler(name, command))
+            receive = self.guarded(name, self._handler(name, command))
             AttributedSubscription(node, subscription, receive, self.senders)
             self.subscriptions[name] = subscription
         for name, taken in engine.inputs.items():
-            receive = self._guarded(name, self._taking(name, taken.payload))
+            receive = self.guarded(name, self._taking(name, taken.payload))
             self.subscriptions[name] = qos.subscription(
                 node, TYPES[taken.payload], name, receive, qos.NEWEST, raw=True
             )
@@ -73,7 +73,7 @@ class CommandTopics:
     def _taking(self, name: str, payload: Payload) -> Callable[[bytes], None]:
         def take(data: bytes) -> None:
             self._admit(name)
-            self._engine.give(name, self._read(name, payload, data)[0])
+            self._engine.give(name, self.read(name, payload, data)[0])
 
         return take
 
@@ -87,7 +87,7 @@ class CommandTopics:
 
     def _state_command(self, data: bytes, sender: Sender) -> None:
         # A stop is not refused for what stands behind it.
-        value, stamp = self._read("state_command", Payload.TEXT, data, is_exact=False)
+        value, stamp = self.read("state_command", Payload.TEXT, data, is_exact=False)
         assert isinstance(value, Text)
         self._admit("state_command", value.value)
         self._engine.state_command(value.value, stamp)
@@ -98,10 +98,10 @@ class CommandTopics:
 
     def _submit_value(self, name: str, payload: Payload, data: bytes, sender: Sender) -> None:
         self._admit(name)
-        value, stamp = self._read(name, payload, data)
+        value, stamp = self.read(name, payload, data)
         self._engine.submit(name, value, stamp, sender)
 
-    def _read(
+    def read(
         self, name: str, payload: Payload, data: bytes, is_exact: bool = True
     ) -> tuple[Value, int]:
         """Return the value of a message, in the device's own frame, and its stamp."""
@@ -117,7 +117,9 @@ class CommandTopics:
             value = replace(value, frame_id=self._frames.incoming(value.frame_id))
         return value, found.stamp_ns
 
-    def _guarded(self, name: str, handle: Callable[..., None]) -> Callable[..., None]:
+    def guarded(self, name: str, handle: Callable[..., None]) -> Callable[..., None]:
+        """Return `handle` such that it raises nothing into the executor."""
+
         def receive(*message: Any) -> None:
             try:
                 handle(*message)

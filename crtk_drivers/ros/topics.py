@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
@@ -20,18 +20,19 @@ from tf2_msgs.msg import TFMessage
 
 from crtk_drivers.commands import Command, Direction, Level, Payload
 from crtk_drivers.engine import Engine
+from crtk_drivers.engine.as_messages import Messages
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.publishing import Job, PublishingThread
-from crtk_drivers.samples import JointState, Pose, Stamp, Twist, Value, Wrench, vector
+from crtk_drivers.samples import JointState, Pose, Poses, Stamp, Twist, Value, Wrench, vector
 
 LATCHED = (Level.GOAL, Level.SETTING)
 """What is told once, and again to those who come later."""
 
-IN_A_FRAME = (Payload.JOINT_STATE, Payload.POSE, Payload.TWIST, Payload.WRENCH)
-"""What names a frame. Of joints it is the one of `measured_cp`, as CRTK asks: the base frame."""
+NEVER = Stamp(0, -math.inf)
+"""The stamp of what is not known yet."""
 
 AUDIENCE_RATE = 4.0
 """Hz at which it is looked for subscribers, besides when DDS tells of one: some middleware does not."""
@@ -46,6 +47,7 @@ _NOT_KNOWN: Mapping[Payload, Value] = MappingProxyType(
     {
         Payload.JOINT_STATE: JointState(),
         Payload.POSE: Pose(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0, 1.0))),
+        Payload.POSES: Poses(),
         Payload.TWIST: Twist(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0))),
         Payload.WRENCH: Wrench(vector((0.0, 0.0, 0.0)), vector((0.0, 0.0, 0.0))),
     }
@@ -58,20 +60,16 @@ class _Topic:
     """One publisher, with the value that it sent last."""
 
     name: str
+    command: Command
     publisher: Publisher
     sent: Value | None
-    frame: str | None
 
-    def send(self, value: Value | None, stamp: Stamp | None, frames: Frames) -> None:
+    def send(self, value: Value | None, stamp: Stamp, messages: Messages) -> None:
         if value is not None:
             self.sent = value
         elif self.sent is None:
             return
-        frame_id = ""
-        if self.frame is not None:
-            frame_id = frames.outgoing(getattr(value, "frame_id", "") or self.frame)
-        stamp_ns = 0 if stamp is None else stamp.wall_ns
-        self.publisher.publish(cdr.encode(self.sent, stamp_ns, frame_id))
+        self.publisher.publish(messages.of(self.name, self.command, self.sent, stamp))
 
 
 def _topic(
@@ -84,19 +82,7 @@ def _topic(
     profile = qos.of_feedback(command)
     publisher = qos.publisher(node, TYPES[command.payload], name, profile, matched)
     unknown = _NOT_KNOWN.get(command.payload)
-    if isinstance(unknown, JointState) and "/" not in name:
-        unknown = JointState(name=engine.capabilities.joints)
-    frame = _frame(command, engine) if command.payload in IN_A_FRAME else None
-    return _Topic(name, publisher, unknown, frame)
-
-
-def _frame(command: Command, engine: Engine) -> str:
-    """Return the frame of a value that does not name its own."""
-    capabilities = engine.capabilities
-    own = {"body": capabilities.tool_frame}
-    if capabilities.base_pose is not None:
-        own["local"] = "local"
-    return own.get(command.frame, capabilities.base_frame)
+    return _Topic(name, command, publisher, unknown)
 
 
 def coherent(engine: Engine, names: Iterable[str]) -> Values:
@@ -112,12 +98,8 @@ def coherent(engine: Engine, names: Iterable[str]) -> Values:
 class FeedbackTopics:
     """Everything that is published continuously."""
 
-    def __init__(
-        self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
-    ) -> None:
+    def __init__(self, node: Node, thread: PublishingThread, engine: Engine) -> None:
         self._engine = engine
-        self._frames = frames
-        self._joints = engine.capabilities.joints
         self._thread = thread
         self._audience = audience = thread.job("audience", self._look, AUDIENCE_RATE)
         self._topics = [
@@ -159,24 +141,16 @@ class FeedbackTopics:
 
     def _send(self, topic: _Topic, found: tuple[Value, Stamp] | None) -> None:
         if found is None:
-            topic.send(None, None, self._frames)
+            topic.send(None, NEVER, self._engine.messages)
         else:
-            topic.send(self._named(topic.name, found[0]), found[1], self._frames)
-
-    def _named(self, name: str, value: Value) -> Value:
-        if isinstance(value, JointState) and not value.name and "/" not in name:
-            return replace(value, name=self._joints)
-        return value
+            topic.send(*found, self._engine.messages)
 
 
 class LatchedTopics:
     """Goals and settings, latched, each published when it has a new value."""
 
-    def __init__(
-        self, node: Node, thread: PublishingThread, engine: Engine, frames: Frames
-    ) -> None:
+    def __init__(self, node: Node, thread: PublishingThread, engine: Engine) -> None:
         self._engine = engine
-        self._frames = frames
         self._topics = [
             _topic(node, engine, name, command)
             for name, command in engine.commands.items()
@@ -196,7 +170,7 @@ class LatchedTopics:
             found = self._engine.latched(topic.name)
             if found is None or self._published.get(topic.name) is found[0]:
                 continue
-            if self._thread.attempt(topic.name, partial(topic.send, *found, self._frames)):
+            if self._thread.attempt(topic.name, partial(topic.send, *found, self._engine.messages)):
                 self._published[topic.name] = found[0]
 
 

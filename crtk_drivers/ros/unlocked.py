@@ -15,11 +15,14 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.waitable import Waitable
 
+_FIRST_SIZE = 1024
 
-class _SerializedMessage(ctypes.Structure):
+
+class _SentMessage(ctypes.Structure):
     """``rcutils_uint8_array_t`` (rcutils/types/uint8_array.h); rcl only reads it."""
 
     _fields_ = (
@@ -28,6 +31,27 @@ class _SerializedMessage(ctypes.Structure):
         ("capacity", ctypes.c_size_t),
         ("allocator", ctypes.c_void_p * 5),
     )
+
+
+class _Allocator(ctypes.Structure):
+    """``rcutils_allocator_t`` (rcutils/allocator.h)."""
+
+    _fields_ = (("functions", ctypes.c_void_p * 4), ("state", ctypes.c_void_p))
+
+
+class SerializedMessage(ctypes.Structure):
+    """``rcutils_uint8_array_t`` that rcl writes into, and makes larger where it must; see `new_message`."""
+
+    _fields_ = (
+        ("buffer", ctypes.c_void_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    )
+
+    def release(self) -> None:
+        """Give its memory back."""
+        _rcutils.rcutils_uint8_array_fini(ctypes.byref(self))
 
 
 class _ErrorText(ctypes.Structure):
@@ -39,9 +63,23 @@ class _ErrorText(ctypes.Structure):
 # Both are in this process already: rclpy is linked with them.
 _rcutils = ctypes.CDLL("librcutils.so")
 _rcutils.rcutils_get_error_string.restype = _ErrorText
+_rcutils.rcutils_get_default_allocator.restype = _Allocator
+_rcutils.rcutils_uint8_array_init.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
+_rcutils.rcutils_uint8_array_fini.argtypes = (ctypes.c_void_p,)
 _publish = ctypes.CDLL("librcl.so").rcl_publish_serialized_message
-_publish.argtypes = (ctypes.c_void_p, ctypes.POINTER(_SerializedMessage), ctypes.c_void_p)
+_publish.argtypes = (ctypes.c_void_p, ctypes.POINTER(_SentMessage), ctypes.c_void_p)
 _publish.restype = ctypes.c_int
+
+
+def new_message() -> SerializedMessage:
+    """Return memory for a message of any size."""
+    message = SerializedMessage()
+    allocator = _rcutils.rcutils_get_default_allocator()
+    if _rcutils.rcutils_uint8_array_init(
+        ctypes.byref(message), _FIRST_SIZE, ctypes.byref(allocator)
+    ):
+        raise MemoryError("no memory for a message")
+    return message
 
 
 def rcl_error() -> str:
@@ -61,7 +99,7 @@ class UnlockedPublisher(Publisher):  # type: ignore[misc]  # rclpy has no types
             RuntimeError: DDS refused it, with its reason.
         """
         data = msg if isinstance(msg, bytes) else serialize_message(msg)
-        wire = _SerializedMessage(data, len(data), len(data))
+        wire = _SentMessage(data, len(data), len(data))
         handle = self.handle
         with handle:
             failed = _publish(handle.pointer, wire, None)
@@ -74,6 +112,7 @@ class UnlockedNode(Node):  # type: ignore[misc]  # rclpy has no types
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self._read_otherwise: list[Subscription] = []
+        self._served_otherwise: list[Service] = []
         super().__init__(*args, **options)
 
     def create_publisher(self, *args: Any, **options: Any) -> Publisher:
@@ -88,6 +127,16 @@ class UnlockedNode(Node):  # type: ignore[misc]  # rclpy has no types
         """Let `reader` take the messages of a subscription of this node, which no executor has yet."""
         self._read_otherwise.append(subscription)
         self.add_waitable(reader)
+
+    def serve_by(self, service: Service, server: Waitable) -> None:
+        """Let `server` take the requests of a service of this node, which no executor has yet."""
+        self._served_otherwise.append(service)
+        self.add_waitable(server)
+
+    @property
+    def services(self) -> Iterator[Service]:
+        """Those that the executor reads."""
+        return (one for one in super().services if one not in self._served_otherwise)
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:

@@ -14,13 +14,16 @@ from typing import Any, Self
 from crtk_drivers import plugins
 from crtk_drivers.config import DeviceConfig, from_values
 from crtk_drivers.engine import Engine, EngineOptions
-from crtk_drivers.engine.threads import Runtime
+from crtk_drivers.engine.borrowed_state import Follower
+from crtk_drivers.engine.threads import Looking, Runtime
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.plugins.at_tool import attached
 from crtk_drivers.plugins.page_plugin import RunningPage, start_page
 from crtk_drivers.plugins.sim_plugin import RunningSim, start_sim
+from crtk_drivers.session.grip_load import GripLoad
+from crtk_drivers.session.recordings import Recordings
 from crtk_drivers.session.scene import DeviceScene
 
 
@@ -30,6 +33,7 @@ class Session:
     Attributes:
         engine: of the device.
         page: that shows it in a browser; None if the configuration wants none.
+        recordings: of it.
         children: of the devices behind it, by the name of their sub-namespace.
     """
 
@@ -43,11 +47,23 @@ class Session:
         options = engine_options(config)
         self.engine = Engine(device, name, options)
         self.children = {
-            child: Engine(behind, f"{name}/{child}", options)
+            child: Engine(
+                behind, f"{name}/{child}", options, has_state=child not in device.followers
+            )
             for child, behind in device.children.items()
         }
+        followers: list[Looking] = [
+            Follower(self.engine, self.children[child]) for child in device.followers
+        ]
+        tool = plugin.tool(config)
+        if tool is not None and tool.payload_of_grip is not None:
+            gripper = self.children[tool.name]
+            followers.append(GripLoad(self.engine, gripper, tool.payload_of_grip))
         self.page: RunningPage | None = None
-        self._runtime = Runtime((engine, config.open_timeout) for engine in self.engines)
+        self.recordings = Recordings({"": self.engine, **self.children}, config)
+        self._runtime = Runtime(
+            ((engine, config.open_timeout) for engine in self.engines), followers
+        )
 
     @property
     def engines(self) -> tuple[Engine, ...]:
@@ -68,6 +84,7 @@ class Session:
 
     def start(self) -> None:
         """Start the threads; the device is opened by them."""
+        self.recordings.begin()
         self._runtime.start()
 
     def close(self, timeout: float = 1.5) -> None:
@@ -76,6 +93,7 @@ class Session:
             for other in (self.sim, self.page):
                 if other is not None:
                     stack.callback(other.stop)
+            stack.callback(self.recordings.close)
             self._runtime.close(timeout)
 
     def __enter__(self) -> Self:

@@ -16,8 +16,9 @@ from crtk_drivers.device import JointLimits, Severity
 from crtk_drivers.engine import Engine
 from crtk_drivers.geometry.quaternions import rotvec_from_quaternion
 from crtk_drivers.kinematics.chain import JointKind
+from crtk_drivers.kinematics.drawn import numbers_of
 from crtk_drivers.kinematics.joint_axes import chain_of, joint_kinds
-from crtk_drivers.samples import Array, JointState, Pose, Stamp, Wrench
+from crtk_drivers.samples import JointState, Pose, Stamp, Wrench
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.counter_groups import grouped
 from crtk_drivers.status.health import Health
@@ -92,7 +93,10 @@ class DeviceScene:
             },
             "chain": None
             if chain is None
-            else {"joints": [_numbers(each) for each in chain.joints], "tip": _numbers(chain.tip)},
+            else {
+                "joints": [numbers_of(each) for each in chain.joints],
+                "tip": numbers_of(chain.tip),
+            },
         }
 
     def live(self) -> Found:
@@ -319,12 +323,6 @@ def _round_up(value: float) -> float:
     return next(
         step * power for step in (1.0, 2.0, 5.0, 10.0) if value <= step * power * (1 + 1e-9)
     )
-
-
-def _numbers(transform: Array) -> list[float]:
-    """Return the three rows of a transform, 12 numbers."""
-    numbers: list[float] = transform[:3].ravel().tolist()
-    return numbers
 
 
 def _text(values: Sequence[float], digits: int) -> str:

@@ -9,6 +9,7 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 from crtk_drivers.errors import CommandRefused, with_remedy, without_name
@@ -26,7 +27,8 @@ WARNING_INTERVAL: Final = 2.0
 class Observer:
     """What a front wants to be told. Called from any thread, in order; must return at once.
 
-    It is called under the lock of the board, and must not command the engine.
+    It is called under the lock of the board, and must not command the engine; what it logs, it logs
+    afterwards (`BoardLock.afterwards`).
     """
 
     def status_changed(self, status: Status, stamp: Stamp) -> None:
@@ -42,10 +44,48 @@ class Observer:
         """Something was corrected or is about to go wrong. One of a kind in `WARNING_INTERVAL`."""
 
 
+class BoardLock:
+    """A lock that its thread may take again, and what is to be done once it is released for good."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._depth = 0
+        self._afterwards: list[Callable[[], object]] = []
+
+    def acquire(self, timeout: float = -1.0) -> bool:
+        """Take it; return whether that was so within `timeout` seconds, -1: for ever."""
+        is_taken = self._lock.acquire(timeout=timeout)
+        if is_taken:  # whoever has it not must not write
+            self._depth += 1
+        return is_taken
+
+    def release(self) -> None:
+        """Leave it; for good, do what was put off."""
+        due: list[Callable[[], object]] = []
+        self._depth -= 1
+        if not self._depth:
+            due, self._afterwards = self._afterwards, due
+        self._lock.release()
+        for call in due:
+            call()
+
+    def afterwards(self, call: Callable[[], object]) -> None:
+        """Do what may take its time, as a log does, once nobody waits for it; at once if it is free."""
+        with self:
+            self._afterwards.append(call)
+
+    def __enter__(self) -> None:
+        self.acquire()
+
+    def __exit__(self, *error: object) -> None:
+        self.release()
+
+
 class StatusBoard:
     """Holds the status of one device and tells its observers. Thread-safe.
 
-    Nothing of the device is ever called under `lock`: whoever waits for it, waits for microseconds.
+    Nothing of the device is ever called under `lock`, nor is anything logged: whoever waits for it, waits for
+    microseconds.
 
     Args:
         status: before anything happened.
@@ -63,8 +103,10 @@ class StatusBoard:
         self, status: Status, where: str, health: HealthRecorder, clock: Callable[[], float]
     ) -> None:
         self.status = status
-        self.lock = threading.RLock()
+        self.lock = BoardLock()
         self.move_waits = False
+        self._is_busy = status.is_busy
+        self._lent = False
         self._where = where
         self._health = health
         self._observers: list[Observer] = []
@@ -104,21 +146,28 @@ class StatusBoard:
                 detail = with_remedy(without_name(detail, self._where), remedy)
             if detail in (None, old.detail):
                 detail, remedy = old.detail, old.remedy
+            self._is_busy = self._is_busy if busy is None else busy
             new = replace(
                 old,
                 state=old.state if state is None else state,
                 detail=detail,
                 remedy=remedy,
                 is_homed=old.is_homed if homed is None else homed,
-                is_busy=(old.is_busy if busy is None else busy) or self.move_waits,
+                is_busy=self._is_busy or self._lent or self.move_waits,
                 connecting=old.connecting and state is None,
             )
             if new == old:
                 return
             if new.state is OperatingState.FAULT and new.detail != old.detail:
-                logger.error("%s: FAULT: %s", self._where, new.detail)
+                self._log(logging.ERROR, "%s: FAULT: %s", self._where, new.detail)
             self.status = new
             self.announce()
+
+    def lend(self, busy: bool) -> None:
+        """Be busy as well while something is that has no operating state of its own."""
+        with self.lock:
+            self._lent = busy
+            self.update()
 
     def announce(self) -> None:
         """Tell the status as it is, also if it did not change: every state command has an answer."""
@@ -157,12 +206,16 @@ class StatusBoard:
                 return
             left_out = self._warnings.left_out(kind)
             told = f"{text} ({left_out} more of these were not told)" if left_out else text
-            logger.debug("%s: %s", self._where, told)
+            self._log(logging.DEBUG, "%s: %s", self._where, told)
             self._tell(lambda observer: observer.warned(told))
 
     def _tell(self, call: Callable[[Observer], None]) -> None:
         for observer in tuple(self._observers):
             try:
                 call(observer)
-            except Exception:
-                logger.exception("%s: an observer failed", self._where)
+            except Exception as error:
+                told = "%s: an observer failed"
+                self._log(logging.ERROR, told, self._where, exc_info=error)
+
+    def _log(self, level: int, *told: object, exc_info: Exception | None = None) -> None:
+        self.lock.afterwards(partial(logger.log, level, *told, exc_info=exc_info))

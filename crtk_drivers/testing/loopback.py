@@ -120,6 +120,7 @@ class LoopbackDevice(Device):
         reported: what the hardware says of itself, see `Condition`.
         writes: how many setpoints have arrived.
         last_setpoint: the newest of them.
+        transition_time: seconds that enable, disable and home take.
     """
 
     def __init__(self, config: LoopbackConfig | None = None) -> None:
@@ -131,7 +132,7 @@ class LoopbackDevice(Device):
         self.last_setpoint: Setpoint | None = None
         self._address = config.address
         self._kinematics = GantryKinematics(config.address)
-        self._transition_time = config.transition_time
+        self.transition_time = config.transition_time
         self._homed = False
         self._position = np.zeros(len(JOINTS))
         self._velocity = np.zeros(len(JOINTS))
@@ -265,8 +266,8 @@ class LoopbackDevice(Device):
         yield from ()
 
     def _transition(self) -> Steps:
-        end = time.monotonic() + self._transition_time
-        while time.monotonic() < end:
+        begun = time.monotonic()
+        while time.monotonic() < begun + self.transition_time:
             yield
 
     def _integrate(self, elapsed: float) -> None:

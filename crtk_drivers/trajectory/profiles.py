@@ -36,8 +36,9 @@ LINE_SAMPLES = 50
 LINE_SAMPLE_TIME = 0.02
 """Seconds between two checked points at most, but for lines of more than `MOST_LINE_SAMPLES`."""
 
-MOST_LINE_SAMPLES = 1000
-"""At how many points at most: one that takes days, by a tiny ratio, is no longer than one of seconds."""
+MOST_LINE_SAMPLES = 250
+"""At how many points at most: one that takes days, by a tiny ratio, is no longer than one of seconds. What
+comes next from the same thread, as a stop on ROS, waits for all of them."""
 
 _SHARE_OF_SAMPLE = 0.1
 """Of the time between two checked points, around one of them, over which a speed is told."""

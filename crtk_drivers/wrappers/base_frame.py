@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from crtk_drivers.commands import Space
 from crtk_drivers.device import Capabilities, Device, Goal, Kinematics, Mode, Setpoint
 from crtk_drivers.geometry.frames import product, relative, twist_from_base, twist_in_base
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
-from crtk_drivers.samples import Array, Pose, Sample, Twist, Value, Vector, Wrench, vector
+from crtk_drivers.samples import Array, Pose, Poses, Sample, Twist, Value, Vector, Wrench, vector
 from crtk_drivers.wrappers.forwarding import WrappedDevice
 
 
@@ -56,6 +57,10 @@ class PlacedDevice(WrappedDevice):
         self._own_frame = own.base_frame
         self._base = base
         self._kinematics: _PlacedKinematics | None = None
+        self._children = {
+            name: PlacedDevice(child, base) if _is_seen_from(own.base_frame, child) else child
+            for name, child in inner.children.items()
+        }
         local = [f"local/{name}" for name in own.measured if name.startswith("measured_c")]
         self._capabilities = replace(
             own,
@@ -68,6 +73,12 @@ class PlacedDevice(WrappedDevice):
     @override
     def capabilities(self) -> Capabilities:
         return self._capabilities
+
+    @property
+    @override
+    def children(self) -> Mapping[str, Device]:
+        """Those whose poses are in the device's own base, as a tracker's tools, are placed likewise."""
+        return self._children
 
     @property
     @override
@@ -88,7 +99,7 @@ class PlacedDevice(WrappedDevice):
         values: dict[str, Value] = {}
         for name, value in sample.values.items():
             values[name] = value
-            if isinstance(value, Pose | Twist | Wrench) and "/" not in name:
+            if isinstance(value, Pose | Poses | Twist | Wrench) and "/" not in name:
                 values[name] = self._outwards(value)
                 if name.startswith("measured_"):
                     values[f"local/{name}"] = replace(value, frame_id="local")
@@ -108,12 +119,15 @@ class PlacedDevice(WrappedDevice):
             goal = replace(goal, pose=_inwards(goal.pose, self._base, self._own_frame))
         self.inner.move(goal)
 
-    def _outwards(self, value: Pose | Twist | Wrench) -> Value:
+    def _outwards(self, value: Pose | Poses | Twist | Wrench) -> Value:
         """Return a value in the other frame; what is in the tool's axes stays there."""
         if value.frame_id not in ("", self._own_frame):
             return value
         if isinstance(value, Pose):
             return product(self._base, value)
+        if isinstance(value, Poses):
+            poses = tuple(product(self._base, pose) for pose in value.poses)
+            return Poses(poses, self._base.frame_id)
         turned = twist_in_base(vector(value.vector), "local", self._base, self._base)
         return type(value)(turned[:3], turned[3:], self._base.frame_id)
 
@@ -124,6 +138,11 @@ class PlacedDevice(WrappedDevice):
             return vector((*pose.position, *pose.orientation))
         # A wrench turns as a twist does: both are at the tool point.
         return twist_from_base(values, "local", self._base, self._base)
+
+
+def _is_seen_from(frame: str, device: Device) -> bool:
+    own = device.capabilities
+    return own.base_frame == frame and "measured_cp" in own.measured
 
 
 def _inwards(pose: Pose, base: Pose, own_frame: str) -> Pose:

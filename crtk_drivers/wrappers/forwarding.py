@@ -61,6 +61,11 @@ class WrappedDevice(Device):
 
     @property
     @override
+    def velocity_steps(self) -> tuple[float, ...]:
+        return self.inner.velocity_steps
+
+    @property
+    @override
     def has_stopped(self) -> bool:
         return self.inner.has_stopped
 
@@ -114,6 +119,11 @@ class WrappedDevice(Device):
     def children(self) -> Mapping[str, Device]:
         return self.inner.children
 
+    @property
+    @override
+    def followers(self) -> frozenset[str]:
+        return self.inner.followers
+
     @override
     def open(self, deadline: float) -> None:
         self.inner.open(deadline)
@@ -141,6 +151,10 @@ class WrappedDevice(Device):
     @override
     def stop(self) -> None:
         self.inner.stop()
+
+    @override
+    def left(self) -> None:
+        self.inner.left()
 
     @override
     def enable(self) -> Steps:

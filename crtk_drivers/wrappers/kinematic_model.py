@@ -12,9 +12,9 @@ from crtk_drivers.device import Capabilities, CartesianLimits, Device, Kinematic
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.kinematics.chain import Chain, DHConvention, DHJoint, JointKind, chain_from_dh
 from crtk_drivers.kinematics.serial import SerialChain
-from crtk_drivers.kinematics.urdf import read_urdf
 from crtk_drivers.samples import JointState, Sample, Twist, Value, vector
 from crtk_drivers.wrappers.forwarding import WrappedDevice
+from crtk_drivers.wrappers.urdf_file import read_urdf
 
 
 class ModelledDevice(WrappedDevice):

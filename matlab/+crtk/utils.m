@@ -89,6 +89,7 @@ classdef utils < handle
         function add_measured_cp(self), self.add('measured_cp'); end
         function add_measured_cv(self), self.add('measured_cv'); end
         function add_measured_cf(self), self.add('measured_cf'); end
+        function add_measured_cp_array(self), self.add('measured_cp_array'); end
         function add_setpoint_js(self), self.add('setpoint_js'); end
         function add_setpoint_cp(self), self.add('setpoint_cp'); end
         function add_setpoint_cv(self), self.add('setpoint_cv'); end

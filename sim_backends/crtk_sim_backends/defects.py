@@ -70,6 +70,18 @@ def read_defects(kind: type[K], text: str) -> tuple[K, ...]:
     return tuple(_read_group(kind, group) for group in text.split(";") if group.strip())
 
 
+def read_one(kind: type[K], text: str) -> K:
+    """Return the defects that a text describes of a device that has one group of them.
+
+    Raises:
+        ConfigError: as `read_defects`, or it has more groups.
+    """
+    found = read_defects(kind, text)
+    if len(found) > 1:
+        raise ConfigError("defects: this device has one group of them, without ';'")
+    return found[0] if found else kind()
+
+
 def defects_of(groups: Iterable[D], joint: int) -> D | None:
     """Return the defects of a joint, those of the first group that it belongs to; None if it has none."""
     return next((group for group in groups if not group.joints or joint in group.joints), None)

@@ -14,9 +14,11 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
 from crtk_sim_backends.control import ControlClient
@@ -86,6 +88,24 @@ def listen(
             f"cannot bind the {name} port {host}:{port}: {error.strerror}; choose an address of "
             "this machine, such as 127.0.0.2 (macOS: `sudo ifconfig lo0 alias 127.0.0.2` first)"
         ) from error
+    sock.setblocking(False)
+    return sock
+
+
+def listen_in_files(path: Path) -> socket.socket:
+    """Open a non-blocking listening socket in the file system; a file that is there is replaced.
+
+    Raises:
+        SimStartError: it cannot be made.
+    """
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        path.unlink(missing_ok=True)
+        sock.bind(str(path))
+        sock.listen(16)
+    except OSError as error:
+        sock.close()
+        raise SimStartError(f"cannot make the socket {path}: {error.strerror}") from error
     sock.setblocking(False)
     return sock
 
@@ -177,6 +197,7 @@ class RunningSim:
         self._process = process
         self._life = life
         self._control: ControlClient | None = None
+        self._connecting = threading.Lock()
         self.host = host
         self.ports = dict(ports)
         self.ttys = dict(ttys)
@@ -190,13 +211,14 @@ class RunningSim:
 
     @property
     def control(self) -> ControlClient:
-        """Client of its control socket, connected at the first use, and anew after an answer stayed away."""
-        if self._control is not None and self._control.lost:
-            self._control.close()
-            self._control = None
-        if self._control is None:
-            self._control = ControlClient(self.host, self.ports["control"])
-        return self._control
+        """Client of its control socket, connected at the first use, and anew after no answer. Thread-safe."""
+        with self._connecting:
+            if self._control is not None and self._control.lost:
+                self._control.close()
+                self._control = None
+            if self._control is None:
+                self._control = ControlClient(self.host, self.ports["control"])
+            return self._control
 
     @property
     def running(self) -> bool:
@@ -253,7 +275,7 @@ class RunningSim:
 
 
 def spawn(
-    module: str, arguments: Sequence[str], timeout: float = 15.0, pass_fds: Sequence[int] = ()
+    module: str, arguments: Sequence[str], timeout: float = 60.0, pass_fds: Sequence[int] = ()
 ) -> RunningSim:
     """Start the simulator `module` (``python -m module``) and wait until its ports are bound.
 
@@ -315,9 +337,10 @@ def _start(
 def _read_answer(fd: int, timeout: float) -> dict[str, Any]:
     deadline = time.monotonic() + timeout
     data = b""
+    poll = select.poll()  # which takes any descriptor: this is the process of who starts it
+    poll.register(fd, select.POLLIN)
     while True:
-        readable, _, _ = select.select([fd], [], [], max(0.0, deadline - time.monotonic()))
-        if not readable:
+        if not poll.poll(1000.0 * max(0.0, deadline - time.monotonic())):
             return {"timeout": True}
         piece = os.read(fd, 65536)
         if not piece:

@@ -79,7 +79,8 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
 
     def places(self, server: ServerT) -> dict[str, Any]:
         """Where it can be reached, as :class:`RunningSim` has it: `host`, `ports`, `ttys`, perhaps more."""
-        return {"host": server.host, "ports": server.ports, "ttys": getattr(server, "ttys", {})}
+        found = {name: getattr(server, name, {}) for name in ("ttys", "paths")}
+        return {"host": server.host, "ports": server.ports, **found}
 
     @contextmanager
     def _page(self, config: ConfigT, server: ServerT) -> Iterator[RunningSim | None]:

@@ -13,7 +13,7 @@ import socket
 from collections import deque
 from collections.abc import Callable, Iterable
 from enum import Enum
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, TypeVar
 
 
 class Direction(Enum):
@@ -25,6 +25,7 @@ class Direction(Enum):
 
 Pieces: TypeAlias = list[tuple[float, bytes]]
 WireHook: TypeAlias = Callable[[Direction, bytes, float], Pieces]
+WayT = TypeVar("WayT")
 
 
 def split(size: int = 1, spacing: float = 0.0) -> WireHook:
@@ -94,19 +95,21 @@ def one_way(hook: WireHook, only: Direction) -> WireHook:
     return limited
 
 
-def chain(hooks: Iterable[WireHook]) -> WireHook | None:
-    """Pass the data through all `hooks` in turn; None when there are none."""
+def chain(
+    hooks: Iterable[Callable[[WayT, bytes, float], Pieces]],
+) -> Callable[[WayT, bytes, float], Pieces] | None:
+    """Pass the data through all `hooks` in turn, each with who sends it; None when there are none."""
     stages = list(hooks)
     if not stages:
         return None
 
-    def chained(direction: Direction, data: bytes, now: float) -> Pieces:
+    def chained(way: WayT, data: bytes, now: float) -> Pieces:
         pieces: Pieces = [(0.0, data)]
         for stage in stages:
             pieces = [
                 (before + after, piece)
                 for before, whole in pieces
-                for after, piece in stage(direction, whole, now + before)
+                for after, piece in stage(way, whole, now + before)
             ]
         return pieces
 
@@ -157,7 +160,8 @@ class Connection:
 
     def __init__(self, sock: socket.socket, limit: int, *, send_buffer: int | None = None) -> None:
         sock.setblocking(False)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if sock.family == socket.AF_INET:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if send_buffer is not None:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer)
         self._socket = sock

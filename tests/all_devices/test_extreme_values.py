@@ -19,6 +19,7 @@ from crtk_drivers.samples import Pose
 from crtk_drivers.session import engine_options
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+from rigs.examples import examples
 from rigs.extreme_values import IN_REAL_TIME, values_of
 
 PATIENT: dict[str, Any] = {"sample_timeout": 10.0, "limits": {"following_error": 10.0}}
@@ -98,7 +99,7 @@ def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
 @pytest.mark.sweep(2)
 @pytest.mark.timeout(240)
 @settings(
-    max_examples=150,
+    max_examples=examples(150),
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     **IN_REAL_TIME,
 )

@@ -22,6 +22,14 @@ CELLS = [
     for cell in covering(rig.name, rig.ways, rig.activities, thorough=rig.thorough)
 ]
 
+SLOW = {
+    *("copley", "dvrk", "dvrk-driven", "ros2-control", "haply"),
+    *("force-dimension", "openhaptics", "optoforce", "raven", "inputs"),
+}
+"""Drivers whose wire is DDS, or a line of one question at a time: a machine that runs all tests delays them
+by more than an arm may be behind. Those
+whose own tests ask the same in less time."""
+
 Opened = Callable[[str], Rig]
 
 
@@ -59,7 +67,11 @@ def _parameters() -> Iterator[object]:
             raises=BrokenPromiseError,
             reason=finding,
         )
-        yield pytest.param(cell, id=cell.name.replace("/", "-"), marks=[mark] if finding else [])
+        marks = [
+            *((mark,) if finding else ()),
+            *((pytest.mark.slow,) if cell.driver in SLOW else ()),
+        ]
+        yield pytest.param(cell, id=cell.name.replace("/", "-"), marks=marks)
 
 
 @pytest.mark.sweep(9)

@@ -80,7 +80,7 @@ def test_duplicate_sends_twice(sim, pair):
     ("effect", "data"), [("lost", [0, 2, 3]), ("doubled", [0, 1, 1, 2, 3]), ("late", [0, 2, 3, 1])]
 )
 def test_a_single_message_is_hit_and_no_other(sim, pair, effect, data):
-    sim.control.inject("message", id=0x200, number=2, effect=effect, seconds=0.1)
+    sim.control.inject("message", id=0x200, number=2, effect=effect, seconds=1.0)
     got = [m.data[0] for m in sent_through(pair, numbered(4))]
     if effect == "late":
         got += [m.data[0] for m in receive(pair[1])]
@@ -88,7 +88,7 @@ def test_a_single_message_is_hit_and_no_other(sim, pair, effect, data):
 
 
 def test_delay_lets_other_frames_pass(sim, pair):
-    sim.control.inject("delay", id=0x200, seconds=0.05)
+    sim.control.inject("delay", id=0x200, seconds=1.0)
     assert sent_through(pair, numbered(2)) == []
     assert [m.data[0] for m in receive(pair[1], 2)] == [0, 1]
 

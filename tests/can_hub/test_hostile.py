@@ -15,8 +15,12 @@ from crtk_sim_backends.can.slcan import frame_command, parse_frame
 from crtk_sim_backends.can.socketcand import CommandError, frame_message, parse_send
 from crtk_sim_backends.control import token
 from rigs.can_hub_doors import WAIT, drain, frame, open_bus, receive, until
+from rigs.examples import examples
 
-WIRE = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+WIRE = settings(
+    max_examples=examples(40),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
 
 SOCKETCAND_WORDS = st.sampled_from(
     b"<|>| |< open can0 >|< rawmode >|< send 123 1 ff >|< echo >|< send 123 9 1 2 3 >|open|"

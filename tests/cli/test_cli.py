@@ -3,13 +3,16 @@
 import io
 import json
 import logging
+import math
 import os
 import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
+from itertools import chain, count, repeat
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +22,24 @@ from rich.console import Console
 
 import crtk_drivers
 from crtk_drivers import plugins
-from crtk_drivers.cli import config_reference, device_command, main
+from crtk_drivers.cli import bench_runs, config_reference, device_command, main
 from crtk_drivers.cli.app import app, split_arguments
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.own_commands import OWN_COMMANDS
+from crtk_drivers.cli.reaching import is_seen_to_stand
 from crtk_drivers.cli.status_line import StatusLine, status_text
-from crtk_drivers.cli.terminal import OUT
+from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.config import from_values
 from crtk_drivers.config.keys import setting_names
 from crtk_drivers.device import Note, Severity
-from crtk_drivers.errors import ConfigError, ConnectionFailed
+from crtk_drivers.errors import ConfigError, ConnectionFailed, DataTimeout
+from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.ros.names import ANOTHER_DRIVER
+from crtk_drivers.samples import JointState, vector
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
-from crtk_drivers.status.stop_request import stop_signals
+from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
 ENTRY_POINTS = """
 [crtk_drivers.devices]
@@ -346,7 +352,8 @@ def test_version(capsys: Capture) -> None:
 
 
 def test_check_of_a_device_that_is_ready(capsys: Capture) -> None:
-    assert main(["check", "loopback", "--rate", "50"]) == 0
+    patient = ["--sample-timeout", "10"]  # a busy machine is no fault
+    assert main(["check", "loopback", "--rate", "50", *patient]) == 0
     text = capsys.readouterr().out
     for pattern in (
         r"reachable +ok",
@@ -397,7 +404,7 @@ def test_importing_the_package_brings_neither_ros_nor_the_command_line() -> None
         "print([m for m in ('rclpy', 'typer', 'rich', 'numpy') if m in sys.modules])"
     )
     result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=True
     )
     assert result.stdout == "[]\n"
 
@@ -421,7 +428,7 @@ def test_a_simulator_runs_until_it_is_told_to_stop(tmp_path: Path, end: signal.S
             if "Ctrl-C" in line:
                 break
         process.send_signal(end)
-        assert process.wait(10) == 0
+        assert process.wait(30) == 0
     assert re.search(r"rtde +127\.\d+\.\d+\.\d+:30004", "".join(lines))
 
 
@@ -439,6 +446,54 @@ def test_signals_may_come_while_others_are_handled() -> None:
                 stopped.set()
         assert stopped.is_set()
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_a_terminal_that_is_closed_ends_what_runs_in_it() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # also where nohup runs the tests
+    try:
+        with stop_signals() as stopped:
+            signal.raise_signal(signal.SIGHUP)
+            assert stopped.is_set()
+        assert signal.getsignal(signal.SIGHUP) == signal.SIG_DFL
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+        with stop_signals() as stopped:
+            signal.raise_signal(signal.SIGHUP)
+            assert not stopped.is_set()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+class Scripted:
+    """A device on the far side of ROS that is not busy, and tells places one after the other."""
+
+    crtk_commands = ("hold", "measured_js")
+
+    def __init__(self, places: Iterable[float]) -> None:
+        self._places = iter(enumerate(places, 1))
+
+    def wait_for_busy(self, is_busy: bool, timeout: float) -> bool:
+        return not is_busy
+
+    def measured_js(self, extra: bool) -> tuple[JointState, float]:
+        found = next(self._places, None)
+        if found is None:
+            raise DataTimeout("no value yet")
+        return JointState(vector([found[1]])), float(found[0])
+
+
+@pytest.mark.parametrize(
+    ("places", "stands"),
+    [
+        (chain((0.1, 0.2), repeat(0.3)), True),
+        (count(0.0, 0.1), False),
+        (repeat(math.nan), False),
+        ((0.1, 0.1, 0.1), False),
+    ],
+    ids=["it comes to stand", "it moves on", "it tells no place", "it falls silent"],
+)
+def test_what_was_told_to_hold_is_looked_at(places: Iterable[float], stands: bool) -> None:
+    device: Any = Scripted(places)
+    assert is_seen_to_stand(device, 30.0 if stands else 0.3) is stands
 
 
 RUNNING = Health(
@@ -583,6 +638,36 @@ def test_logs_as_text() -> None:
         r"\d\d:\d\d:\d\d warning no \[markup\] here, and no wrapping of a long line\n",
         out.getvalue(),
     )
+
+
+@pytest.fixture
+def nobody_reads(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Standard error leads to a program that has ended: `crtk-driver ... 2>&1 | tee log`."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    file = os.fdopen(writing, "w")
+    monkeypatch.setattr(ERR, "_file", file)
+    monkeypatch.setattr(ERR, "quiet", False)
+    yield
+    with suppress(OSError):
+        file.close()
+
+
+@pytest.mark.usefixtures("root_logger", "nobody_reads")
+def test_who_reads_the_log_no_more_ends_no_thread() -> None:
+    """What tells of a fault may be the thread that talks to the device."""
+    set_up_logging(ERR, "info", LogFormat.TEXT)
+    for _ in range(2):
+        logging.getLogger("arm").error("FAULT")
+
+
+@pytest.mark.usefixtures("nobody_reads")
+def test_the_bench_ends_as_by_ctrl_c_where_nobody_reads_what_it_tells() -> None:
+    stop = StopRequest()
+    with bench_runs._shown(stop) as show:
+        show("arm", "T1", Verdict.PASS, "all is well")
+        assert stop.is_set()
+        show("arm", "T2", Verdict.PASS, "all is well")
 
 
 class Opening:

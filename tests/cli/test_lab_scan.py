@@ -12,9 +12,11 @@ import pytest
 from crtk_driver_canopen import finding as canopen_finding
 from crtk_driver_canopen import plugin as canopen
 from crtk_driver_dynamixel import finding as dynamixel_finding
+from crtk_driver_robotiq import finding as robotiq_finding
 from crtk_drivers import plugins
 from crtk_drivers.cli import main
 from crtk_drivers.cli.lab_scan import lab_text
+from crtk_drivers.kit import adapters
 from crtk_drivers.labs import load_lab
 from crtk_drivers.plugins import FoundDevice
 from crtk_sim_backends.canopen import SIM as CANOPEN
@@ -35,14 +37,17 @@ def hub() -> Iterator[str]:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ask few, and wait for drives that others keep from the processor."""
     monkeypatch.setattr(dynamixel_finding, "BAUDS", (57_600, 1_000_000))
     monkeypatch.setattr(dynamixel_finding, "IDS", range(1, 11))
+    monkeypatch.setattr(robotiq_finding, "ADDRESSES", range(8, 11))
+    monkeypatch.setattr(canopen_finding, "WAIT", 1.0)
 
 
 @pytest.fixture
 def nothing_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(dynamixel_finding, "_BY_ID", tmp_path / "none")
-    monkeypatch.setattr(dynamixel_finding, "_ADAPTERS", ("no such adapter*",))
+    monkeypatch.setattr(adapters, "BY_ID", tmp_path / "none")
+    monkeypatch.setattr(adapters, "_NAMES", ("no such adapter*",))
     monkeypatch.setattr(canopen_finding, "_INTERFACES", tmp_path / "none")
 
 
@@ -53,9 +58,11 @@ def test_what_answers_is_in_the_file(
     assert main(["lab", "new", str(path), "--scan", "--at", tty, "--at", hub]) == 0
     told = capsys.readouterr()
     assert "xm430-w350 (id 3), xl330-m288 (id 5), ax-12a (id 9)" in told.err
-    assert (
-        "Cannot be looked for, so enter their addresses: ati-netft, ndi, robotiq, ur." in told.err
+    unknown = (
+        "ati-netft, copley, dvrk, force-dimension, galil, haply, inputs, ndi, onrobot, openhaptics, "
+        "optoforce, raven, robotiq-epick, ros2-control, schunk, schunk-fts, ur, weiss-wsg"
     )
+    assert f"Cannot be looked for, so enter their addresses: {unknown}." in told.err
     assert "crtk-driver lab check" in told.out
     devices: dict[str, Any] = tomllib.loads(path.read_text())["devices"]
     assert list(devices) == ["canopen", "dynamixel"]
@@ -142,7 +149,7 @@ def test_can_interfaces_that_are_up(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_adapters_have_their_lasting_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "usb-ROBOTIS_1").touch()
-    monkeypatch.setattr(dynamixel_finding, "_BY_ID", tmp_path)
+    monkeypatch.setattr(adapters, "BY_ID", tmp_path)
     finder = plugins.device("dynamixel").finder
     assert finder is not None
     assert list(finder.places()) == [str(tmp_path / "usb-ROBOTIS_1")]

@@ -58,7 +58,14 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
     "poses and twists": (
         {"modes": frozenset({Mode.CARTESIAN_POSITION, Mode.CARTESIAN_VELOCITY})},
         {"measured_js", "servo_cp", "servo_cr", "servo_cv", "interpolate_cv", "hold", "setpoint_js"}
-        | {"interpolate_cp", "interpolate_cr", "servo_cs", "setpoint_cv", "goal_cp", "goal_cv"},
+        | {"interpolate_cp", "interpolate_cr", "servo_cs", "setpoint_cv", "goal_cp", "goal_cv"}
+        | {"setpoint_cp", "local/setpoint_cp"},
+    ),
+    "poses, and nothing is measured": (
+        {"modes": frozenset({Mode.CARTESIAN_POSITION}), "joints": (), "limits": ()}
+        | {"measured": ()},
+        {"servo_cp", "servo_cr", "interpolate_cp", "interpolate_cr", "servo_cs", "hold", "goal_cp"}
+        | {"setpoint_cp", "local/setpoint_cp"},
     ),
     "velocities": (
         {"modes": frozenset({Mode.JOINT_VELOCITY})},
@@ -92,6 +99,8 @@ CASES: dict[str, tuple[dict[str, Any], set[str]]] = {
             "measured_js",
             "measured_cp",
             "local/measured_cp",
+            "setpoint_cp",
+            "local/setpoint_cp",
             "hold",
             "setpoint_js",
             "goal_cp",
@@ -152,7 +161,7 @@ INCOHERENT: dict[str, tuple[dict[str, Any], str]] = {
     "twists without limits": ({"cartesian_limits": None}, "cartesian_limits"),
     "wrenches without limits": (
         {"cartesian_limits": CartesianLimits(1.0, 1.0, 1.0, 1.0)},
-        "force and torque",
+        "a force above zero",
     ),
     "joints without joints": (
         {"joints": (), "limits": (), "modes": frozenset[Mode](), "measured": ("measured_js",)},

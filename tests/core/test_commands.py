@@ -11,6 +11,7 @@ PUBLISHED = {
     "measured_cp": Payload.POSE,
     "setpoint_cp": Payload.POSE,
     "goal_cp": Payload.POSE,
+    "measured_cp_array": Payload.POSES,
     "measured_cv": Payload.TWIST,
     "setpoint_cv": Payload.TWIST,
     "goal_cv": Payload.TWIST,

@@ -28,6 +28,7 @@ from crtk_drivers.config import (
 from crtk_drivers.config.file import MAX_SIZE, parse_toml, parse_yaml
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.options import LimitPolicy
+from rigs.examples import examples
 
 Write = Callable[..., Path]
 
@@ -325,7 +326,7 @@ def test_any_values_give_a_configuration_or_one_error(values: dict[str, object])
     assert math.isfinite(config.limits.max_step)
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.text(alphabet="ab:=[]{}&*!|>-\"'#\n \t.,0~?%@", max_size=60))
 def test_any_text_is_read_or_refused(text: str) -> None:
     for parse in (parse_yaml, parse_toml):

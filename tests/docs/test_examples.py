@@ -2,6 +2,8 @@
 
 The blocks of one page are one program, run from top to bottom. A block that needs hardware, or
 shows a fragment, is preceded by an HTML comment that begins with `not run:` and says why.
+
+Scripts are forked from a process that has imported what they import; at night they are started as users do.
 """
 
 import os
@@ -10,14 +12,20 @@ import select
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import pytest
+
+from rigs.warm_start import server
 
 ROOT = Path(__file__).parents[2]
 LONG = 200.0
 """Seconds for a page, which takes two where nobody else wants the processor."""
+
+pytestmark = pytest.mark.timeout(LONG + 20.0)
 
 SCRIPTS = sorted(ROOT.glob("examples/*.py"))
 BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -43,36 +51,51 @@ PAGES = [
 ]
 
 
-def run(script: Path, folder: Path) -> None:
-    """Run it; what it has started ends with it, whatever became of it."""
-    with subprocess.Popen(
-        [sys.executable, str(script)],
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        process_group=0,
-    ) as process:
-        try:
-            said, warned = process.communicate(timeout=LONG)
-        finally:
-            with suppress(ProcessLookupError):  # nothing of it is left
-                os.killpg(process.pid, signal.SIGKILL)
-    assert process.returncode == 0, f"{script}\n{said}\n{warned}"
+Run = Callable[[Path, Path], None]
 
 
-@pytest.mark.sweep(14)
+@pytest.fixture(params=["forked", pytest.param("started", marks=pytest.mark.slow)])
+def run(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run a script in a folder; what it has started ends with it, whatever became of it."""
+
+    def run(script: Path, folder: Path) -> None:
+        monkeypatch.chdir(folder)
+        with TemporaryFile("w+") as said:
+            if request.param == "forked":
+                files = said.fileno(), said.fileno(), ()
+                process = server().start_program("rigs.script", [str(script)], *files)
+            else:
+                process = subprocess.Popen(
+                    [sys.executable, str(script)],
+                    stdin=subprocess.PIPE,
+                    stdout=said,
+                    stderr=said,
+                    start_new_session=True,
+                )
+            with process:
+                process.stdin.close()
+                try:
+                    code = process.wait(LONG)
+                finally:
+                    with suppress(ProcessLookupError):  # nothing of it is left
+                        os.killpg(process.pid, signal.SIGKILL)
+            said.seek(0)
+            assert code == 0, f"{script}\n{said.read()}"
+
+    return run
+
+
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, run: Run) -> None:
     script = tmp_path / f"page_{page.stem}.py"  # canopen.py would hide the library
     script.write_text(program(page.read_text()))
     run(script, tmp_path)
 
 
-@pytest.mark.sweep(9)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: str(script.relative_to(ROOT)))
-def test_an_example_runs(script: Path, tmp_path: Path) -> None:
+def test_an_example_runs(script: Path, tmp_path: Path, run: Run) -> None:
     run(script, tmp_path)
 
 
@@ -92,7 +115,7 @@ sys.exit("it failed")
 """
 
 
-def test_what_a_failed_script_has_started_ends(tmp_path: Path) -> None:
+def test_what_a_failed_script_has_started_ends(tmp_path: Path, run: Run) -> None:
     script = tmp_path / "script.py"
     script.write_text(LEAVES_ITS_DEVICE)
     with pytest.raises(AssertionError, match="it failed"):

@@ -37,3 +37,14 @@ def test_links_lead_somewhere(page: str) -> None:
         if not target.exists() or (anchor and is_page and anchor not in anchors(target)):
             broken.append(link)
     assert not broken
+
+
+def test_the_site_leads_to_every_page() -> None:
+    """Beside those of docs/ it has pages that are made (docs/site_hooks.py)."""
+    found = re.findall(
+        r"^ +- .*: ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text("utf-8"), re.MULTILINE
+    )
+    here = {str(Path(page).relative_to("docs")) for page in pages() if page.startswith("docs/")}
+    led_to = {name for name in found if (ROOT / "docs" / name).exists()}
+    assert led_to == here
+    assert len(found) == len(set(found))

@@ -8,7 +8,7 @@ from unittest.mock import patch
 import pytest
 
 from crtk_drivers.labs.bench import programs
-from rigs.warm_start import BENCH, WarmStart
+from rigs.warm_start import server
 
 STARTED = programs._start
 """How they are started for users."""
@@ -17,10 +17,8 @@ STARTED = programs._start
 @pytest.fixture(scope="session", autouse=True)
 def warm_bench() -> Iterator[None]:
     """Fork the processes of the bench, but for tests that use `cold_bench`."""
-    server = WarmStart(BENCH)
-    with patch.object(programs, "_start", server.start_program):
+    with patch.object(programs, "_start", server().start_program):
         yield
-    server.close()
 
 
 @pytest.fixture

@@ -14,14 +14,14 @@ from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
 
 DRIVERS = {
-    "gantry": "loopback",
-    "arm": "virtual",
-    "ur": "ur",
-    "servos": "dynamixel",
-    "gripper": "robotiq",
-    "drives": "canopen",
-    "ft": "ati-netft",
+    "gantry": ("loopback", ""),
+    "arm": ("virtual", "rate = 200"),
+    "ur": ("ur", "frequency = 125"),
+    "servos": ("dynamixel", "rate = 100"),
+    "drives": ("canopen", ""),
+    "ft": ("ati-netft", ""),
 }
+"""By the name of the device: its driver, and settings with which two cores do for two of them."""
 
 
 @pytest.mark.slow
@@ -29,7 +29,10 @@ DRIVERS = {
 def test_the_quick_suite_fails_nowhere(tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text(
-        "".join(f'[devices.{name}]\nplugin = "{plugin}"\n' for name, plugin in DRIVERS.items())
+        "".join(
+            f'[devices.{name}]\nplugin = "{plugin}"\nsettings = {{ {settings} }}\n'
+            for name, (plugin, settings) in DRIVERS.items()
+        )
     )
     options = BenchOptions(Suite.QUICK, (), may_move=False, out=tmp_path / "run", at_once=2)
     run = run_bench(load_lab(path, sim=True), options, lambda *_: None, StopRequest())

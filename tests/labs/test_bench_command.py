@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from crtk_drivers.labs.bench.results import read_run
 from crtk_sim_backends.netft import SIM
 from rigs.full_disk import NO_BYTECODE, limit
+from rigs.programs import COMMAND, Start
+from rigs.waiting import eventually
 
 GANTRY = '[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
 
@@ -28,13 +30,16 @@ def bench(*arguments: str) -> list[str]:
 
 
 @pytest.fixture
-def command(tmp_path: Path) -> Command:
+def command(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     (tmp_path / "lab.toml").write_text(GANTRY)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
 
-    def run(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            bench(*arguments), cwd=tmp_path, capture_output=True, text=True, **options
-        )
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        pipe = subprocess.PIPE
+        with start(COMMAND, *arguments, stdout=pipe, stderr=pipe) as process:
+            out, errors = process.communicate(timeout=100.0)
+        return subprocess.CompletedProcess(arguments, process.returncode, out, errors)
 
     return run
 
@@ -50,10 +55,12 @@ def test_ctrl_z_ends_a_run_that_may_move_hardware(tmp_path: Path) -> None:
         process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE)
         try:
             recording = tmp_path / "run" / "data" / "ft-rest.mcap"
-            while not recording.exists():
-                assert process.poll() is None
+            eventually(
+                lambda: recording.exists() or process.poll() is not None, "something is recorded"
+            )
+            assert process.poll() is None
             process.send_signal(signal.SIGTSTP)
-            _, said = process.communicate(timeout=40.0)
+            _, said = process.communicate(timeout=90.0)
         finally:
             process.kill()
             process.wait()
@@ -62,10 +69,34 @@ def test_ctrl_z_ends_a_run_that_may_move_hardware(tmp_path: Path) -> None:
     assert read_run(tmp_path / "run").ended_by == "stopped by the operator"
 
 
+@pytest.mark.slow  # test_cli.py has what tells it
+def test_a_terminal_that_is_gone_ends_a_run_as_ctrl_c_does(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text(GANTRY)
+    ours, theirs = pty.openpty()
+    command = bench("lab.toml", "--only", "S8", "--out", "run")
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=theirs)  # no SIGHUP, as under nohup
+    os.close(theirs)
+    try:
+        eventually((tmp_path / "run" / "run.json").exists, "it runs")
+        os.close(ours)
+        process.wait(50.0)
+    finally:
+        process.kill()
+        process.wait()
+    assert read_run(tmp_path / "run").ended_by == "stopped by the operator"
+
+
 @pytest.mark.slow  # test_bench.py has a full disk
-def test_a_disk_that_fills_up_is_told_and_passes_nothing(command: Command, tmp_path: Path) -> None:
-    options = {"preexec_fn": partial(limit, 3000), "env": NO_BYTECODE}
-    found = command("lab.toml", "--only", "S8", "--out", "run", **options)
+def test_a_disk_that_fills_up_is_told_and_passes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text(GANTRY)
+    found = subprocess.run(
+        bench("lab.toml", "--only", "S8", "--out", "run"),
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        preexec_fn=partial(limit, 3000),
+        env=NO_BYTECODE,
+    )
     assert found.returncode == 4, found.stderr
     assert "results cannot be written: File too large" in found.stderr
     assert "INCONCLUSIVE" in found.stderr
@@ -78,20 +109,20 @@ def test_a_run_of_a_newer_version_is_told(command: Command, tmp_path: Path) -> N
     (tmp_path / "new").mkdir()
     (tmp_path / "new" / "run.json").write_text(json.dumps({"schema": "crtk_bench/99"}))
     for arguments in (("show", "new"), ("again", "new"), ("baseline", "new")):
-        found = command(*arguments)
+        found = command("bench", *arguments)
         assert found.returncode == 2
         assert "was written as crtk_bench/99" in " ".join(found.stderr.split())
         assert "Traceback" not in found.stderr
-    against = command("lab.toml", "--against", "new")
+    against = command("bench", "lab.toml", "--against", "new")
     assert against.returncode == 2
     assert not (tmp_path / "runs").exists(), "nothing was begun"
 
 
 @pytest.mark.slow
 def test_what_is_compared_with_the_baseline(command: Command, tmp_path: Path) -> None:
-    options = ("lab.toml", "--only", "S8")
+    options = ("bench", "lab.toml", "--only", "S8")
     assert command(*options, "--out", "runs/one").returncode == 0
-    made = command("baseline", "runs/one")
+    made = command("bench", "baseline", "runs/one")
     assert made.returncode == 0
     assert made.stdout.startswith("gantry, simulated: PASS")
     assert command(*options, "--against", "baseline", "--out", "runs/two").returncode == 0
@@ -103,13 +134,7 @@ def test_a_misspelt_bound_is_told_by_check_and_run(command: Command, tmp_path: P
     with (tmp_path / "lab.toml").open("a") as file:
         file.write('[bounds."motion.lag.lga"]\nvalue = 1.0\nbecause = "so"\n')
     for words in (["bench", "lab.toml"], ["lab", "check", "lab.toml"]):
-        found = subprocess.run(
-            [sys.executable, "-m", "crtk_drivers.cli", *words],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            env={**os.environ, "COLUMNS": "200"},
-        )
+        found = command(*words)
         assert found.returncode == 2
         assert "lab.toml:4: bounds.motion.lag.lga" in found.stderr
         assert "Did you mean 'motion.lag.lag'?" in found.stderr

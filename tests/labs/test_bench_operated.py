@@ -149,6 +149,7 @@ def test_a_person_is_waited_for() -> None:
     assert operator.released == 1
 
 
+@pytest.mark.slow
 def test_a_person_who_does_not_press_is_not_waited_for_for_ever() -> None:
     operator = Bystander(lambda bed: None)
     with pytest.raises(Broken, match="not pressed within 60 s"):
@@ -174,9 +175,8 @@ def test_it_is_pressed_where_somebody_is_there_for_that(tmp_path: Path) -> None:
         path = tmp_path / "lab.toml"
         path.write_text(f"{head}[devices.arm]\n{device}\n")
         lab = load_lab(path)
-        operator = lab.settings.features.get("operator") is True
         options = BenchOptions(Suite.FULL, (), may_move, tmp_path)
-        return lacking(S7, about, lab.devices["arm"], options, operator=operator)
+        return lacking(S7, about, lab.devices["arm"], options, features=lab.settings.features)
 
     def guards(device: str) -> str:
         path = tmp_path / "lab.toml"

@@ -87,6 +87,7 @@ PROOFS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
         ("limits.speed.peak", "limits.range.beyond"),
     ),
     ("ranges", {"position_jump": 0.009, "jump_at": 0.5}, ("joints.range.step",)),
+    ("homings", {"homing_noise": 0.001}, ("joints.homing.spread",)),
     (
         "lines",
         {"line_bow": 0.003, "speed_ripple": 0.2},
@@ -102,8 +103,12 @@ PROOFS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
 
 PAN_TILT = {"urdf": str(Path(__file__).parents[1] / "data" / "pan_tilt.urdf"), "acceleration": 10.0}
 
-ARMS: dict[str, dict[str, Any]] = {"limits": PAN_TILT, "ranges": PAN_TILT}
-"""Those that go through ranges: short ones of few joints."""
+ARMS: dict[str, dict[str, Any]] = {
+    "limits": PAN_TILT,
+    "ranges": PAN_TILT,
+    "homings": {"needs_homing": True},
+}
+"""Those that go through ranges: short ones of few joints; and one that homes."""
 
 RATE, RATES = 200.0, {"sines": 500.0}
 """Hz of the arms: of a sine a stream is to be smooth."""
@@ -127,6 +132,8 @@ ELSEWHERE = {
         ),
         "test_bench_forces and test_bench_together",
     ),
+    "tracking.hand_eye.residual": "test_bench_marked",
+    "tracking.hand_eye.turn": "test_bench_marked",
     "force.noise.mains": "test_the_mains_in_a_force_sensor_are_found",
     "stop.driver_killed.distance": "test_bench_links.test_a_drive_that_ignores_its_watchdog_fails",
     "stop.driver_frozen.distance": "test_bench_links.test_a_drive_that_ignores_its_watchdog_fails",
@@ -148,6 +155,19 @@ ELSEWHERE = {
     "loss.link.fault": "test_bench_links.test_what_is_told_of_a_silent_link_is_judged",
     "loss.link.return": "test_bench_links.test_what_is_told_of_a_silent_link_is_judged",
     "stop.silence.back": "as stop.hold.back",
+    **dict.fromkeys(
+        (
+            *("grip.stroke.error", "grip.stroke.claimed", "grip.block.known", "grip.block.kept"),
+            *("tracking.view.valid", "tracking.scale.error", "tracking.cover.restamped"),
+        ),
+        "test_bench_parts",
+    ),
+    **dict.fromkeys(
+        ("grip.stroke.spread", "grip.block.width"),
+        "test_bench_parts.test_what_a_gripper_did_is_judged",
+    ),
+    "grip.force.error": "test_bench_parts.test_a_gripper_that_presses_too_little_is_found",
+    "tracking.cover.return": "test_bench_parts.test_what_is_told_of_a_covered_tool_is_judged",
     "stop.client_killed.back": "as stop.hold.back",
     "joints.friction.coulomb": "test_what_efforts_say_is_friction_and_has_a_sign",
     "joints.friction.viscous": "test_what_efforts_say_is_friction_and_has_a_sign",
@@ -207,9 +227,18 @@ def test_every_judged_measurement_has_its_proof() -> None:
     assert not proved & set(ELSEWHERE)
 
 
-@pytest.mark.parametrize(
-    ("name", "defects", "quantities"), PROOFS, ids=[",".join(defects) for _, defects, _ in PROOFS]
-)
+CASES = [
+    pytest.param(
+        *proof, id=",".join(proof[1]), marks=pytest.mark.slow
+    )  # a real process, in real time
+    if proof[0] in IN_REAL_TIME
+    else pytest.param(*proof, id=",".join(proof[1]))
+    for proof in PROOFS
+]
+
+
+@pytest.mark.sweep(6)
+@pytest.mark.parametrize(("name", "defects", "quantities"), CASES)
 def test_a_defect_makes_its_test_fail(
     name: str,
     defects: dict[str, Any],
@@ -239,6 +268,7 @@ IN_PROCESS = [
 """Those of an arm by itself that take away no process, or one that is not the device's."""
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("name", IN_PROCESS)
 def test_a_sound_arm_fails_nowhere(
     name: str, tmp_path: Path, record_property: Callable[[str, object], None]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +12,16 @@ import pytest
 
 import crtk_drivers
 from crtk_driver_ati_netft import PLUGIN
+from crtk_drivers.config import from_assignments, load
 from crtk_drivers.errors import ConfigError, CrtkError
 from crtk_drivers.labs import device_command, load_lab
-from crtk_drivers.labs.carried import Carried, Coupling
+from crtk_drivers.labs.carried import Carried
+from crtk_drivers.labs.lab_file import CarriedEntry
+from crtk_drivers.labs.sim_coupling import Coupling, Followed, Told, Weight
+from crtk_drivers.plugins import RunningSim
 from crtk_drivers.samples import Pose
-from rigs.netft_bench import NetFtBench, driver_at, eventually, netft_bench
+from rigs.netft_bench import driver_at, eventually, netft_bench
+from rigs.ur_watchdog import rarely_fed
 
 LONG = 30.0
 MASS, CENTER = 0.8, (0.0, 0.02, 0.06)
@@ -32,11 +36,15 @@ def pose_of(arm: Any) -> Pose:
     return pose
 
 
-@contextmanager
-def coupled(bench: NetFtBench, arm: Any, carried: Carried) -> Iterator[None]:
+def coupled(sim: RunningSim, carried: Carried, look: Callable[[], Pose | None]) -> Coupling:
+    """Return what lets a sensor feel its tool."""
+
+    def told() -> Told | None:
+        pose = look()
+        return None if pose is None else (pose, 1)
+
     assert PLUGIN.sim_load is not None
-    with Coupling(bench.sim, PLUGIN.sim_load, carried, lambda: pose_of(arm), "ft"):
-        yield
+    return Coupling(sim, Followed("arm", "ft", Weight(sim, PLUGIN.sim_load, carried)), told)
 
 
 def test_the_weight_turns_as_the_arm_does() -> None:
@@ -47,12 +55,14 @@ def test_the_weight_turns_as_the_arm_does() -> None:
         "orientation_timeout": 5.0,
     }
     with (
+        rarely_fed(),
         crtk_drivers.connect("ur", sim=True, model="ur5e") as arm,
         netft_bench(settings) as bench,
-        coupled(bench, arm, Carried(MASS, CENTER, QUARTER)),
+        coupled(bench.sim, Carried(MASS, CENTER, QUARTER), lambda: pose_of(arm)),
     ):
         arm.enable()
         bench.device.follow(arm)
+        arm.trajectory_j.set_ratio(0.5)  # a busy machine leaves the arm behind its setpoints
         for turn in (0.0, 0.7, -0.9):
             goal = arm.measured_js(wait=LONG).position + np.repeat((0.0, turn), 3)
             arm.move_jp(goal).wait(LONG)
@@ -78,11 +88,7 @@ def test_it_survives_that_the_arm_or_the_driver_is_started_again() -> None:
             raise CrtkError("the arm is not there")
         return told["pose"]
 
-    assert PLUGIN.sim_load is not None
-    with (
-        netft_bench() as bench,
-        Coupling(bench.sim, PLUGIN.sim_load, Carried(MASS), look, "ft"),
-    ):
+    with netft_bench() as bench, coupled(bench.sim, Carried(MASS), look):
         told["pose"] = upright
         bench.until_load([0.0, 0.0, -PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
         told["gone"] = None
@@ -99,28 +105,25 @@ def test_it_goes_on_after_its_simulator_hung(caplog: pytest.LogCaptureFixture) -
     caplog.set_level(logging.INFO)
     upright = Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
     told = {"pose": upright}
-    assert PLUGIN.sim_load is not None
-    with (
-        netft_bench() as bench,
-        Coupling(bench.sim, PLUGIN.sim_load, Carried(MASS), lambda: told["pose"], "ft"),
-    ):
+    with netft_bench() as bench, coupled(bench.sim, Carried(MASS), lambda: told["pose"]):
         bench.until_load([0.0, 0.0, -PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
         bench.sim.suspend()
         told["pose"] = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-        eventually(lambda: "does not feel its tool: no answer" in caplog.text, "it is told")
+        eventually(lambda: "does not follow the arm: no answer" in caplog.text, "it is told")
         bench.sim.resume()
         bench.until_load([0.0, 0.0, PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
         # What was asked while it hung it does in any case; that it answers again is another matter.
-        eventually(lambda: caplog.text.count("ft: its simulator feels its tool") == 2, "it answers")
+        eventually(
+            lambda: caplog.text.count("ft: its simulator follows the arm") == 2, "it answers"
+        )
         told["pose"] = upright
         bench.until_load([0.0, 0.0, -PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
 
 
 def test_it_ends_with_its_simulator() -> None:
-    assert PLUGIN.sim_load is not None
     with netft_bench() as bench:
         upright = Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
-        coupling = Coupling(bench.sim, PLUGIN.sim_load, Carried(MASS), lambda: upright, "ft")
+        coupling = coupled(bench.sim, Carried(MASS), lambda: upright)
         with coupling:
             bench.until_load([0.0, 0.0, -PULL, 0.0, 0.0, 0.0], tolerance=1e-3)
             bench.sim.stop()
@@ -156,17 +159,75 @@ def test_only_what_is_simulated_is_coupled(
     path = tmp_path / "lab.toml"
     path.write_text(arm + ft)
     device = load_lab(path, sim=sim).devices["ft"]
-    assert device.felt_on == felt_on
+    assert (device.coupled.on if device.coupled else "") == felt_on
     command = device_command(device, tmp_path / "ft.yaml")
     assert ("--sim-carried" in command) is bool(felt_on)
     if felt_on:
-        assert f"on={felt_on}" in command
+        assert f'on="{felt_on}"' in command
 
 
 def test_a_sensor_whose_arm_is_not_started_is_not_coupled(tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text(ARM.format("virtual", "") + FT.format("sim = true"))
-    assert load_lab(path, only=("ft",)).devices["ft"].felt_on == ""
+    assert load_lab(path, only=("ft",)).devices["ft"].coupled is None
+
+
+TRACKER = """[devices.polaris]
+plugin = "ndi"
+settings.tools = [{{ name = "a", part_number = "A" }}, {{ name = "b", serial_number = "34AB" }}]
+{}
+"""
+TRACKED = """sim = true
+stands = { position = [1.6, 0.2, 0.5], rpy = [0, 1.5708, 0] }
+markers.a = { on = "arm", mounting = { position = [0.02, -0.05, 0.11] } }
+"""
+
+
+@pytest.mark.parametrize(
+    ("arm", "tracker", "markers"),
+    [
+        ("sim = true", TRACKED, ["a"]),
+        (REAL, TRACKED, []),
+        ("sim = true", 'sim = true\nmarkers.a = { on = "arm" }', []),
+        ("sim = true", TRACKED.replace("sim = true", 'settings.host = "192.168.1.30"'), []),
+        ("sim = true", f'{TRACKED}markers.b = {{ on = "arm" }}', ["a"]),
+    ],
+    ids=["simulated", "real arm", "stands nowhere", "real tracker", "unknown to the simulator"],
+)
+def test_only_simulated_markers_are_coupled(
+    arm: str, tracker: str, markers: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(TRACKER.format(tracker) + ARM.format("ur", arm))
+    lab = load_lab(path)
+    device = lab.devices["polaris"]
+    assert list(lab.devices) == ["arm", "polaris"], "what carries comes first"
+    assert list(device.coupled.markers if device.coupled else ()) == markers
+    command = device_command(device, tmp_path / "polaris.yaml")
+    given = [command[at + 1] for at, text in enumerate(command) if text == "--sim-carried"]
+    if not markers:
+        assert not given
+        return
+    # What the command line gives is what the lab file has, with the namespace of the arm.
+    entry = load(CarriedEntry, from_assignments(CarriedEntry, given, "--sim-carried"))
+    assert entry == device.coupled
+    assert entry.carriers == ("/arm",)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('markers.c = { on = "arm" }', "no tool 'c' that it sees.*There is: a, b"),
+        ('markers.a = { on = "leg" }', "there is no device 'leg'"),
+        ("markers.a = {}", "on"),
+        ("stands = { position = [1, 0, 0] }", "stands: needs `markers`"),
+    ],
+)
+def test_a_marker_that_is_wrong_is_told(text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(ARM.format("ur", "sim = true") + TRACKER.format(f"sim = true\n{text}"))
+    with pytest.raises(ConfigError, match=told):
+        load_lab(path)
 
 
 @pytest.mark.parametrize(

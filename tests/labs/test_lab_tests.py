@@ -10,6 +10,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,7 +31,7 @@ from crtk_sim_backends.netft import SIM
 
 ROOT = Path(__file__).parents[2]
 
-GANTRY = 'name = "room"\n[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 500 }\n'
+GANTRY = 'name = "room"\n[devices.gantry]\nplugin = "loopback"\nsettings = { rate = 200 }\n'
 
 Session = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -96,6 +97,7 @@ from crtk_drivers.labs.bench.bed import Process
 def test_passes(lab, measure):
     "The gantry is where it is. It stays there."
     before = lab.gantry.position
+    lab.gantry.rest(0.5)  # in which something is recorded
     measure("lab.rest.moved", float(abs(lab.gantry.position - before).max()), "m", at_most=1e-3)
 
 def test_fails(measure):
@@ -203,7 +205,7 @@ def test_moves(lab, measure):
     gantry.move_to(home + 0.01)
     assert gantry.state == "ENABLED"
     joints = gantry.trace().joints
-    measure("lab.way.length", float(abs(joints.position[-1] - home).max()), "m", at_least=0.009)
+    measure("lab.way.length", float(abs(joints.position[-1] - home).max()), "m", at_least=0.007)
 
 def test_begins_disabled(lab):
     assert lab.gantry.state == "DISABLED"
@@ -422,6 +424,7 @@ def test_hangs(lab):
         end = time.monotonic() + 40.0
         while not Path("off").exists():
             assert time.monotonic() < end, "its power was not taken"
+            time.sleep(0.01)
     finally:
         os.kill(driver, signal.SIGCONT)
 """
@@ -438,7 +441,10 @@ def test_of_what_cannot_be_held_the_power_is_taken_at_once(
 
 
 UNSEEN = """
+from crtk_drivers.labs.bench import watch
+
 def test_is_not_seen(lab):
+    watch.BLIND = 0.5
     gantry = lab.gantry
     gantry.enable()
     gantry._watch.look = lambda: None
@@ -503,8 +509,9 @@ def test_ctrl_c_holds_and_keeps_what_there_was(session: Session, tmp_path: Path)
         folder = tmp_path / "runs" / "one" / "data"
         while not any(path.stat().st_size > 300_000 for path in folder.glob("*.mcap")):
             assert process.poll() is None
+            time.sleep(0.01)
         process.send_signal(signal.SIGINT)
-        said, _ = process.communicate(timeout=40.0)
+        said, _ = process.communicate(timeout=90.0)
     finally:
         process.kill()
         process.wait()

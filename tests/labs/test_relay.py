@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import selectors
+import signal
 import socket
 import threading
 from collections.abc import Iterator
@@ -170,6 +172,27 @@ def test_datagrams_pass_and_are_lost(relay: RelayProcess, datagrams: socket.sock
     assert datagrams.recv(10) == b"again"
     for client in clients:
         client.close()
+
+
+def test_what_came_before_a_change_is_treated_as_it_was_until_then(
+    relay: RelayProcess, datagrams: socket.socket
+) -> None:
+    """Also by a relay that had no time for it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.sendto(b"go", (relay.link.host, relay.link.udp["samples"]))
+        _, address = datagrams.recvfrom(10)
+        relay.mode = Mode.SILENT
+        os.kill(relay._process.pid, signal.SIGSTOP)
+        for _ in range(3):
+            datagrams.sendto(b"lost", address)
+        changing = threading.Thread(target=setattr, args=(relay, "mode", Mode.DEAF))
+        changing.start()
+        changing.join(0.1)  # it has been told by then, but is not to answer
+        os.kill(relay._process.pid, signal.SIGCONT)
+        changing.join(LONG)
+        datagrams.sendto(b"heard", address)
+        assert comes(client, LONG)
+        assert client.recv(10) == b"heard"
 
 
 def test_a_device_that_is_gone_resets_and_the_relay_goes_on(

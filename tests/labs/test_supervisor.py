@@ -2,6 +2,7 @@
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -11,12 +12,14 @@ import pytest
 from crtk_drivers.labs import Lab, LabProgram, supervisor
 from crtk_drivers.labs.lab_file import LabSettings
 from crtk_drivers.labs.reports import Report, Reporter, read_reports
-from crtk_drivers.labs.supervisor import Phase, Supervisor
+from crtk_drivers.labs.supervisor import Child, Phase, Supervisor
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
+from rigs.processes import has_ended
+from rigs.waiting import eventually
 
 LONG = 30.0
-FOREVER = "import time; time.sleep(1000)"
+FOREVER = "import time; print('up', flush=True); time.sleep(1000)"
 STUBBORN = "import signal, time; signal.signal(2, signal.SIG_IGN); print('up', flush=True); time.sleep(1000)"
 
 
@@ -49,6 +52,11 @@ def until(lab: Supervisor, test, what: str) -> None:
         assert time.monotonic() < deadline, f"never: {what}"
         lab.step()
         time.sleep(0.005)
+
+
+def is_up(child: Child) -> bool:
+    """Whether it has said so: before that, Python may lose a Ctrl-C."""
+    return child.log.exists() and "up" in child.log.read_text()
 
 
 def test_one_that_has_done_its_work_is_not_started_again(lab):
@@ -90,20 +98,105 @@ def test_what_cannot_be_started_says_so(lab, tmp_path):
     assert "No such file" in child.why
 
 
+KILLED = """
+import sys, time
+from pathlib import Path
+from crtk_drivers.labs import Lab, LabProgram
+from crtk_drivers.labs.lab_file import LabSettings
+from crtk_drivers.labs.supervisor import Supervisor
+folder = Path(sys.argv[1])
+program = LabProgram("work", (sys.executable, "-c", "import time; time.sleep(1000)"), ())
+lab = Lab("lab", folder / "lab.toml", {}, {"work": program}, LabSettings.model_construct(), {})
+running = Supervisor(lab, folder / "logs")
+running.step()
+print(running.programs["work"].process.pid, flush=True)
+time.sleep(1000)
+"""
+
+
+def test_no_program_outlives_one_that_is_killed(tmp_path):
+    command = [sys.executable, "-c", KILLED, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as up:
+        pid = int(up.stdout.readline())
+        up.kill()
+    eventually(lambda: has_ended(pid), "the program ends, too")
+
+
+def test_what_has_no_log_is_not_started_and_ends_nothing_else(lab, tmp_path):
+    (tmp_path / "logs" / "none.log").mkdir(parents=True)
+    running = lab(none=FOREVER, other=FOREVER)
+    running.step()
+    child = running.programs["none"]
+    assert child.phase is Phase.ENDED
+    assert "cannot be started" in child.why
+    assert running.programs["other"].phase is Phase.RUNNING
+
+
+MEASURES = """
+import json, os, sys, time
+report = dict(state="DISABLED", cause="", is_busy=False, is_homed=True, measures=True, rate=1.0)
+report |= dict(expected=1.0, late=0, refused=0, last_refusal="")
+os.write(int(os.environ["CRTK_DRIVERS_REPORT_FD"]), json.dumps(report).encode() + b"\\n")
+"""
+
+
+def has_measured(running, folder, then):
+    """Add a device that measures until it does what `then` says, and a program that comes after it."""
+    command = (sys.executable, "-c", MEASURES + then)
+    arm = Child("arm", command, (), folder / "arm.log", True, delay=1000.0)
+    running.devices["arm"] = arm
+    until(running, lambda: arm.heard, "it measures")
+    until(running, lambda: not arm.is_ready, "it is not ready any more")
+    tool = Child("tool", (sys.executable, "-c", FOREVER), ("arm",), folder / "tool.log", False)
+    running.programs["tool"] = tool
+    running.step()
+    assert (tool.phase, tool.why) == (Phase.WAITING, "waits for arm")
+    return arm
+
+
+def test_a_device_that_stands_still_is_not_ready_whatever_it_told_last(lab, tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "SILENCE", 0.05)
+    assert has_measured(lab(), tmp_path, "time.sleep(1000)").phase is Phase.RUNNING
+
+
+@pytest.mark.parametrize(("code", "phase"), [(0, Phase.RESTARTING), (2, Phase.ENDED)])
+def test_a_device_that_has_ended_is_not_ready_whatever_it_told_last(lab, tmp_path, code, phase):
+    arm = has_measured(running := lab(), tmp_path, f"sys.exit({code})")
+    until(running, lambda: arm.phase is phase, "its end is seen")
+
+
 def test_all_are_told_to_stop_and_nothing_is_left(lab):
     running = lab(one=FOREVER, two=FOREVER)
-    until(running, lambda: all(c.process is not None for c in running.children), "they run")
+    until(running, lambda: all(map(is_up, running.children)), "they are up")
     pids = [child.process.pid for child in running.children]
     assert running.stop()
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
     assert running.is_over
 
 
+FORGETFUL = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+print("up", flush=True)
+time.sleep(1000)
+"""
+
+
+def test_a_device_that_has_forgotten_a_ctrl_c_is_stopped_all_the_same(lab, tmp_path):
+    """As Python does with one that interrupts an import."""
+    running = lab()
+    command = (sys.executable, "-c", FORGETFUL)
+    running.devices["arm"] = arm = Child("arm", command, (), tmp_path / "arm.log", True)
+    until(running, lambda: is_up(arm), "it is up")
+    assert running.stop()
+
+
 def test_one_that_does_not_stop_is_killed_and_that_is_told(lab, monkeypatch):
     monkeypatch.setattr(supervisor, "STOP_TIMEOUT", 0.2)
     running = lab(stubborn=STUBBORN)
     child = running.programs["stubborn"]
-    until(running, lambda: child.log.exists() and "up" in child.log.read_text(), "it is up")
+    until(running, lambda: is_up(child), "it is up")
     assert not running.stop()
     assert "was killed" in child.why
 

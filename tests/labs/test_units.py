@@ -94,7 +94,7 @@ def test_only_one_with_a_serial_line_reaches_it(lab):
         if name.endswith(".service"):
             service = Unit(texts[name])["Service"]
             assert ("PrivateDevices" in service) is (name not in with_groups)
-            assert service["KillSignal"] == "SIGINT"
+            assert service["KillSignal"] == "SIGTERM"
             assert service["NoNewPrivileges"] == service["DynamicUser"] == "yes"
             assert int(service["LimitRTPRIO"]) >= 10
             assert "RestrictRealtime" not in service

@@ -45,6 +45,7 @@ function octave_errors()
         @() r.inverse_kinematics(diag([1 -1 -1 1])));
 
     % a move that ends elsewhere
+    r.trajectory_j_set_ratio(0.02);
     handle = r.move_jp([0.9 0 0 0]);
     r.hold();
     check_raises('crtk:MotionAborted', 'move_jp', @() handle.wait(false, 10.0));

@@ -20,6 +20,8 @@ import pytest
 
 from crtk_drivers.client.matlab.objects import _STATE_METHODS
 from crtk_drivers.commands import COMMANDS
+from rigs.programs import COMMAND
+from rigs.warm_start import server
 
 HERE = Path(__file__).parent
 MATLAB = HERE.parents[1] / "matlab"
@@ -41,10 +43,7 @@ DEVICES = {
 @contextmanager
 def driver(namespace: str, *arguments: str) -> Iterator[int]:
     """Run a driver in a process of its own, and give its number."""
-    command = [sys.executable, "-c", "from crtk_drivers.cli import main; main()", *arguments]
-    with subprocess.Popen(
-        [*command, "--ns", f"/{namespace}"], stdout=subprocess.DEVNULL
-    ) as process:
+    with server().start_text(COMMAND, *arguments, "--ns", f"/{namespace}") as process:
         try:
             yield process.pid
         finally:
@@ -67,7 +66,7 @@ def octave(program: str, namespace: str, pid: int) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=50,
+        timeout=180,
     )
     assert done.returncode == 0, done.stdout
     assert "to the end" in done.stdout, done.stdout

@@ -11,7 +11,7 @@ from rigs.plugin_install import LONG, install, run
 LIST = "import sys; from crtk_drivers.cli import main; sys.exit(main(['list', 'my_device']))"
 
 
-@pytest.mark.slow
+@pytest.mark.sweep(3)
 @pytest.mark.timeout(LONG + 20)
 @pytest.mark.parametrize("kind", Kind)
 def test_a_new_plugin_passes_its_tests(kind: Kind, tmp_path: Path) -> None:

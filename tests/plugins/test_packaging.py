@@ -56,12 +56,25 @@ def test_every_package_says_that_it_is_typed(package: str) -> None:
 
 def test_every_driver_has_an_extra_and_all_covers_every_extra() -> None:
     extras = PROJECT["optional-dependencies"]
-    assert extras["all"] == ["crtk-drivers[drivers,kinematics,ros]"]
+    assert extras["all"] == ["crtk-drivers[drivers,kinematics,plot,ros,view]"]
     (drivers,) = extras["drivers"]
     named = drivers.removeprefix("crtk-drivers[").removesuffix("]").split(",")
-    assert sorted([*named, "all", "drivers", "kinematics", "ros"]) == sorted(extras)
+    others = [
+        "all",
+        "drivers",
+        "kinematics",
+        "moveit",
+        "parquet",
+        "plot",
+        "ros",
+        "ros2-control",
+        "view",
+    ]
+    assert sorted([*named, *others]) == sorted(extras)
     folders = {path.name.replace("_", "-") for path in (ROOT / "drivers").iterdir()}
-    assert folders - {"virtual"} <= set(named)  # that one needs kinematics
+    need_nothing = {"dvrk", "force-dimension", "galil", "inputs", "openhaptics", "raven"}
+    need_others = {"virtual", "ros2-control"}
+    assert folders - need_nothing - need_others <= set(named)
 
 
 @pytest.mark.parametrize(
@@ -99,11 +112,11 @@ def test_uv_run_alone_brings_what_a_user_needs_and_the_second_command_what_tests
     """The README's two commands, each in an environment that it makes."""
     groups, defaults = PYPROJECT["dependency-groups"], PYPROJECT["tool"]["uv"]["default-groups"]
     extras = [needed for group in defaults for needed in groups[group]]
-    assert extras == ["crtk-drivers[drivers]", "crtk-drivers[ros]"]
+    assert extras == ["crtk-drivers[drivers,view]", "crtk-drivers[ros]"]
     (second,) = re.findall(r"uv run --group (\w+) pytest\n", (ROOT / "README.md").read_text())
     named = {Requirement(each).name for each in groups[second]}
     assert {"pytest", "mypy", "ruff", "import-linter"} <= named
-    assert "crtk-drivers[kinematics]" in groups[second]
+    assert "crtk-drivers[kinematics,moveit,plot,ros2-control]" in groups[second]
 
 
 def test_an_extra_is_brought_by_what_started_the_process(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,5 +9,5 @@
   `urscript_runtime`, `canopen_drive`, `can_hub_doors`, `dynamixel_clients`, `netft_clients`.
 * ROS 2: `loopback_node`, `loopback_client`, `ur_node`, `ros_client`.
 * Programs that tests start: `serve_loopback`, `stream_positions`; `ur_rtde_sessions` and `ur_rtde_motions`,
-  by `ur_rtde_runs`.
+  by `ur_rtde_runs`. How they are started: `programs`, `warm_start`.
 """

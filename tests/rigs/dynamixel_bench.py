@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 from unittest.mock import patch
@@ -13,20 +13,24 @@ import numpy as np
 import pytest
 from typing_extensions import override
 
-from crtk_driver_dynamixel import PLUGIN
+from crtk_driver_dynamixel import PLUGIN, chain_link, stopping
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Device
-from crtk_drivers.engine import Engine, Observer, threads
-from crtk_drivers.errors import CommandRefused
+from crtk_drivers.engine import Engine, Observer
+from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Stamp
 from crtk_drivers.session import Session
-from crtk_drivers.state import Status
+from crtk_drivers.state import OperatingState, Status
 from crtk_sim_backends.dynamixel import SIM, RunningSim
+from rigs.told_states import ToldStates
 
 LONG = 20.0
 """Seconds that anything may take on a busy machine before a test gives up."""
+
+STOP_TIME = 1.5
+"""Seconds, in place of half of one, in which servos stand after a stop, and before a port is closed."""
 
 BOOT_TIME = 0.3
 """Seconds in which a simulated servo answers again after it was switched on."""
@@ -42,11 +46,11 @@ WEIGHTLESS = ",".join(
 PATIENT: Mapping[str, Any] = {
     "sample_timeout": 3.0,
     "open_timeout": 10.0,
-    "rate": 200.0,
+    "rate": 100.0,
     "latency_budget": 0.02,
-    "silent_timeout": 0.5,
+    "silent_timeout": 1.0,
     "slow_interval": 0.05,
-    "watchdog": 1.0,
+    "watchdog": 2.5,
     "stream_timeout": 0.3,
 }
 """Configuration in which a busy machine is no fault."""
@@ -168,6 +172,7 @@ class DynamixelBench:
         self.arm: Any = LocalDevice(session)
         self.log = Log()
         self.engine.add_observer(self.log)
+        self._told = {engine: ToldStates(engine) for engine in session.engines}
 
     # The driver
 
@@ -181,19 +186,9 @@ class DynamixelBench:
         for engine in self.session.engines:
             eventually(lambda e=engine: e.connected and e.has_sample, f"connected: {engine.status}")
 
-    def until_state(self, state: str, detail: str = "", engine: Engine | None = None) -> Status:
-        """Wait for an operating state of the arm, or of another engine."""
-        of = engine or self.engine
-
-        def reached() -> Status | None:
-            status = of.status
-            return status if status.state == state and detail in status.detail else None
-
-        try:
-            found: Status = eventually(reached, state)
-        except pytest.fail.Exception:
-            pytest.fail(f"never {state} ({detail}): {of.status}")
-        return found
+    def until_state(self, state: str, detail: str = "", engine: Engine | None = None) -> str:
+        """Wait for an operating state of the arm, or of another engine, and return why it is in it."""
+        return self._told[engine or self.engine].detail(OperatingState(state), detail)
 
     def enable(self) -> None:
         """Enable arm and gripper."""
@@ -220,11 +215,18 @@ class DynamixelBench:
     def stream(
         self, name: str, value: Any, until: Callable[[], object], device: Any = None
     ) -> None:
-        """Send one value of a stream over and over until something has happened."""
+        """Send one value of a stream over and over until something has happened.
+
+        What is refused because the driver was held up is followed by another.
+        """
         deadline = time.monotonic() + LONG
         while not until():
             assert time.monotonic() < deadline, f"{name} never did it"
-            getattr(device or self.arm, name)(value)
+            try:
+                getattr(device or self.arm, name)(value)
+            except CommandRefused as refusal:
+                if refusal.reason not in (Reason.NOT_MEASURED, Reason.TOO_OLD):
+                    raise
             time.sleep(0.01)
 
     # The servos
@@ -312,12 +314,18 @@ def set_upright(sim: RunningSim) -> None:
     """End all faults, with torque off (by a power cycle if need be) and every joint in the middle."""
     sim.control.clear()
     servos = sim.control.outputs()
-    if any(servo["torque"] for servo in servos.values()):
+    if any(servo["torque"] or abs(servo["angle"]) > math.pi for servo in servos.values()):
         for bus in range(1, len(sim.ttys) + 1):
             sim.control.inject("power_off", bus=bus)
+        _place_all(sim, servos)  # a servo that starts counts from the turn that it is in
         sim.control.clear()
         started = sim.control.status()["time"]
         eventually(lambda: sim.control.status()["time"] > started + BOOT_TIME, "servos started")
+    _place_all(sim, servos)
+
+
+def _place_all(sim: RunningSim, servos: Iterable[str]) -> None:
+    """Put joints into the middle, by the names of their servos."""
     for name in servos:
         number, id = name.removeprefix("bus").split("/")
         place(sim, int(id), bus=int(number))
@@ -343,8 +351,15 @@ def sim_for(values: Mapping[str, Any], **options: Any) -> RunningSim:
 
 @contextmanager
 def lenient() -> Iterator[None]:
-    """Let I/O threads be silent for longer."""
-    with patch.object(threads, "STALL_LIMIT", 2.0):
+    """Let stops take longer."""
+    with patch.object(stopping, "STOP_TIME", STOP_TIME):
+        yield
+
+
+@contextmanager
+def patient() -> Iterator[None]:
+    """Let servos be late when a device is opened that nobody opens once more."""
+    with lenient(), patch.object(chain_link, "PATIENCE", 1.0):
         yield
 
 
@@ -368,12 +383,13 @@ def driver_at(
 @contextmanager
 def opened(sim: RunningSim, values: Mapping[str, Any], **more: Any) -> Iterator[Device]:
     """The device alone, opened in this thread as the I/O thread would."""
-    device = PLUGIN.create(configuration(sim, {**values, **more}))
-    try:
-        device.open(time.monotonic() + LONG)
-        yield device
-    finally:
-        device.close()
+    with patient():
+        device = PLUGIN.create(configuration(sim, {**values, **more}))
+        try:
+            device.open(time.monotonic() + LONG)
+            yield device
+        finally:
+            device.close()
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from fastcrc import crc16
 from crtk_sim_backends.dynamixel import SIM, RunningSim
 
 # The SDK gives an answer 34 ms, which is too little on a machine that is busy with other tests.
-port_handler.LATENCY_TIMER = 250
+port_handler.LATENCY_TIMER = 500
 
 HEADER: Final = b"\xff\xff\xfd\x00"
 MARK: Final = b"\xff\xff\xfd"
@@ -104,7 +104,7 @@ class Wire:
     def send(self, *packets: bytes) -> None:
         os.write(self._fd, b"".join(packets))
 
-    def receive(self, length: int, timeout: float = 2.0) -> bytes:
+    def receive(self, length: int, timeout: float = 10.0) -> bytes:
         """Exactly that many bytes, or what came before the time was over."""
         data = b""
         deadline = time.monotonic() + timeout
@@ -115,7 +115,7 @@ class Wire:
             data += os.read(self._fd, length - len(data))
         return data
 
-    def rest(self, quiet: float = 0.05, first: float = 0.25) -> bytes:
+    def rest(self, quiet: float = 0.3, first: float = 0.7) -> bytes:
         """All that comes until nothing came for a while, or nothing at first for longer."""
         data = b""
         while select.select([self._fd], [], [], quiet if data else first)[0]:
@@ -203,7 +203,7 @@ def vendor_at(sim: RunningSim, bus: str = "bus1", **options: Any) -> Iterator[Ve
         vendor.close()
 
 
-def wait_until(met: Any, timeout: float = 5.0) -> None:
+def wait_until(met: Any, timeout: float = 20.0) -> None:
     """Poll until a condition is met."""
     deadline = time.monotonic() + timeout
     while not met():

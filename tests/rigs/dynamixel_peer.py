@@ -24,7 +24,7 @@ class Peer:
         self.requests = []
         self._script = []
         self._answer_all = lambda request: b""
-        self._master, self._slave = os.openpty()
+        self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
         self.name = os.ttyname(self._slave)
         self._stop_read, self._stop_write = os.pipe()
@@ -38,7 +38,7 @@ class Peer:
     def __exit__(self, *_):
         os.write(self._stop_write, b"x")
         self._thread.join(WAIT)
-        for fd in (self._master, self._slave, self._stop_read, self._stop_write):
+        for fd in (self.master, self._slave, self._stop_read, self._stop_write):
             os.close(fd)
 
     def script(self, *answers):
@@ -53,7 +53,11 @@ class Peer:
 
     def say(self, data):
         """Send without being asked, and wait until it is there."""
-        os.write(self._master, data)
+        os.write(self.master, data)
+        self.until_heard()
+
+    def until_heard(self):
+        """Wait until something has come to the bus that it has not read."""
         assert select.select([self._slave], [], [], WAIT)[0]
 
     def wait_for(self, count):
@@ -65,10 +69,10 @@ class Peer:
     def _run(self):
         buffer = b""
         while True:
-            ready, _, _ = select.select([self._master, self._stop_read], [], [])
+            ready, _, _ = select.select([self.master, self._stop_read], [], [])
             if self._stop_read in ready:
                 return
-            buffer += os.read(self._master, 4096)
+            buffer += os.read(self.master, 4096)
             while (size := request_size(buffer)) <= len(buffer):
                 self._answer(buffer[:size])
                 buffer = buffer[size:]
@@ -79,7 +83,7 @@ class Peer:
             self._heard.notify_all()
         for step in self._script.pop(0) if self._script else [self._answer_all(request)]:
             if isinstance(step, bytes):
-                os.write(self._master, step)
+                os.write(self.master, step)
             else:
                 time.sleep(step)
 

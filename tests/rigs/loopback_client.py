@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Self
 
 import rclpy
@@ -22,10 +21,9 @@ from crtk_drivers.device import Condition
 from crtk_drivers.engine import Engine
 from crtk_drivers.state import Status
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.loopback_node import serve, until
+from rigs.loopback_node import put_at_zero, serve, until
+from rigs.programs import Program, Start
 from rigs.ros_client import TIMEOUT
-
-SCRIPT = Path(__file__).with_name("serve_loopback.py")
 
 
 @dataclass
@@ -46,11 +44,19 @@ class Far:
         self.device.reachable, self.device.silent = True, False
         self.device.reported = Condition()
         until(lambda: self.engine.connected and self.engine.transition_ended, "it is back")
+        begun = time.time_ns()
         self.engine.state_command("disable")
         until(lambda: self.engine.transition_ended, "disable has ended")
         until(lambda: self.engine.status == Status(is_homed=True), "it is disabled, and well")
         until(lambda: self.engine.health().stream == "", "no stream is left")
-        self.device.go_to_zero()
+        heard = self.arm._space.status()
+
+        def is_heard() -> bool:
+            """Not what was told before: a state of the last test may be on its way still."""
+            return heard._stamp_ns >= begun and heard.latest == Status(is_homed=True)
+
+        until(is_heard, "the client has heard that")
+        put_at_zero(self.engine)
 
 
 @contextmanager
@@ -92,17 +98,16 @@ class Node:
 
 
 @contextmanager
-def driver_process(namespace: str) -> Iterator[Callable[[], subprocess.Popen[str]]]:
+def driver_process(start: Start, namespace: str) -> Iterator[Callable[[], Program]]:
     """Give what starts a driver in a process of its own; the last one is ended."""
-    running: list[subprocess.Popen[str]] = []
+    running: list[Program] = []
 
-    def start() -> subprocess.Popen[str]:
-        command = [sys.executable, str(SCRIPT), namespace]
-        running.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+    def again() -> Program:
+        running.append(start("rigs.serve_loopback", namespace, stdout=subprocess.PIPE))
         return running[-1]
 
     try:
-        yield start
+        yield again
     finally:
         for process in running:
             process.terminate()

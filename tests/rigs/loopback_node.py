@@ -11,19 +11,52 @@ from typing import Any
 
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.device import Condition
+from crtk_drivers.engine import Engine
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros.serving import Serving
+from crtk_drivers.samples import Number
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
-from rigs.ros_client import TIMEOUT, RosClient
+from rigs.ros_client import TIMEOUT, RosClient, stamp_ns
+
+RATE = 40.0
+"""Hz of the device and of what is published: the client hears twenty topics, each in each cycle."""
 
 
-def until(condition: Callable[[], bool], what: str) -> None:
-    """Wait for a condition."""
+def until(condition: Callable[[], Any], what: str) -> Any:
+    """Wait until something is true, and return it."""
     end = time.monotonic() + TIMEOUT
-    while not condition():
+    while not (found := condition()):
         assert time.monotonic() < end, f"not within {TIMEOUT} s: {what}"
         time.sleep(0.005)
+    return found
+
+
+def put_at_zero(engine: Engine) -> None:
+    """Put a loopback device that is not ENABLED to zero; the I/O thread may just be moving it on."""
+    device = engine.device
+    assert isinstance(device, LoopbackDevice)
+
+    def is_there() -> bool:
+        device.go_to_zero()
+        found = engine.feedback("measured_js")
+        return found is not None and not found[0].position.any()  # type: ignore[union-attr]
+
+    until(is_there, "it is at zero")
+
+
+SLOWLY = 0.02
+"""Share of the speed of a move that is not to be over before it is stopped, whoever has to wait."""
+
+
+@contextmanager
+def slowly(engine: Engine) -> Iterator[None]:
+    """Let moves that begin within take fifty times as long."""
+    engine.submit("trajectory_j/set_ratio", Number(SLOWLY))
+    try:
+        yield
+    finally:
+        engine.submit("trajectory_j/set_ratio", Number(1.0))
 
 
 @dataclass
@@ -45,12 +78,21 @@ class Rig:
         self.device.reported = Condition()
         engine = self.session.engine
         until(lambda: engine.status.detail == "", "the device is back")
+        begun = time.time_ns()
         engine.state_command("disable")
         until(lambda: engine.transition_ended, "disable is carried out, whatever the state was")
         until(lambda: engine.status.state == "DISABLED", "the device is disabled")
         told = self.client["operating_state"].messages
-        until(lambda: bool(told) and told[-1].state == "DISABLED", "the client has heard that")
-        self.device.go_to_zero()
+
+        def is_heard() -> bool:
+            """Not what was told before: a state of the last test may be on its way still."""
+            newest = told[-1] if told else None
+            if newest is None or stamp_ns(newest) < begun:
+                return False
+            return newest.state == "DISABLED" and not newest.is_busy
+
+        until(is_heard, "the client has heard that")
+        put_at_zero(engine)
 
 
 @contextmanager
@@ -60,18 +102,25 @@ def serve(
     ros_args: list[str],
     node: NodeConfig | None = None,
     plugin: DevicePlugin = PLUGIN,
+    *,
+    connects: bool = True,
 ) -> Iterator[tuple[Session, Serving]]:
-    """Serve a loopback device from a thread of this process."""
+    """Serve a loopback device from a thread of this process; see `served`."""
     session = Session(plugin, config)
-    with served(session, namespace, ros_args, node) as serving:
+    with served(session, namespace, ros_args, node, connects=connects) as serving:
         yield session, serving
 
 
 @contextmanager
 def served(
-    session: Session, namespace: str, ros_args: Sequence[str] = (), node: NodeConfig | None = None
+    session: Session,
+    namespace: str,
+    ros_args: Sequence[str] = (),
+    node: NodeConfig | None = None,
+    *,
+    connects: bool = True,
 ) -> Iterator[Serving]:
-    """Run a session, and serve it from a thread of this process."""
+    """Run a session, and serve it from a thread of this process; wait until it is connected, if it is to."""
     stop = threading.Event()
     with (
         Serving(session.engine, namespace, ros_args, node, session.children) as serving,
@@ -80,6 +129,8 @@ def served(
         thread = threading.Thread(target=serving.spin, args=(stop,), name="test serving")
         thread.start()
         try:
+            if connects:
+                until(lambda: all(each.has_sample for each in session.engines), "it is connected")
             yield serving
         finally:
             stop.set()
@@ -95,6 +146,8 @@ def rig_of(
     **config: Any,
 ) -> Iterator[Rig]:
     """Serve a loopback device, and connect a client to it."""
+    config = {"rate": RATE} | config
+    node = node or NodeConfig(publish_rate=RATE)
     with (
         RosClient(namespace) as client,
         serve(LoopbackConfig(**config), namespace, ros_args or [], node, plugin) as (
@@ -103,4 +156,12 @@ def rig_of(
         ),
     ):
         client.check_connections()
+        until(lambda: _hears(serving, client), "the device knows who hears it")
         yield Rig(session, serving, client)
+
+
+def _hears(serving: Serving, client: RosClient) -> bool:
+    """Whether all that is published goes to the client too: it may know the device before that knows it."""
+    heard = {each.topic_name for each in client.node.subscriptions}
+    publishers = [each for each in serving.driver.node.publishers if each.topic_name in heard]
+    return all(each.get_subscription_count() for each in publishers)

@@ -11,9 +11,11 @@ from crtk_drivers.samples import (
     Flag,
     JointServo,
     JointState,
+    Joy,
     Number,
     Numbers,
     Pose,
+    Poses,
     Text,
     Twist,
     Wrench,
@@ -22,6 +24,8 @@ from crtk_drivers.samples import (
 from crtk_drivers.state import OperatingState, Status
 
 NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
+SINGLES = st.floats(-(2.0**127), 2.0**127, width=32) | st.sampled_from((np.nan, np.inf, -np.inf))
+"""ROS takes the largest for too large: it compares with ten digits of it."""
 WORDS = st.text(st.characters(exclude_characters="\0", exclude_categories=("Cs",)), max_size=12)
 STAMPS = st.integers(0, 2_000_000_000 * 10**9)
 MODES = st.integers(0, 255)
@@ -55,10 +59,16 @@ WRENCHES = st.builds(Wrench, vectors(3), vectors(3))
 RECORDED = st.one_of(
     joint_states(),
     POSES,
+    st.lists(POSES, max_size=5).map(tuple).map(Poses),
     TWISTS,
     WRENCHES,
     st.builds(Status, st.sampled_from(OperatingState), st.booleans(), st.booleans()),
     st.builds(Text, WORDS),
+    st.builds(
+        Joy,
+        st.lists(SINGLES, max_size=7).map(tuple),
+        st.lists(st.integers(-(2**31), 2**31 - 1), max_size=7).map(tuple),
+    ),
 )
 """Without a frame, which a message names."""
 

@@ -16,6 +16,7 @@ from crtk_drivers.state import OperatingState
 from crtk_sim_backends.ndi import SIM
 from crtk_sim_backends.ndi.handles import make_rom
 from crtk_sim_backends.process import RunningSim
+from rigs.told_states import ToldStates
 from rigs.waiting import eventually
 
 TRANSPORTS = ("tcp", "serial")
@@ -49,6 +50,7 @@ class NdiBench:
         self.sim = sim
         self.session = Session(PLUGIN, config)
         self.front: Any = LocalDevice(self.session)
+        self._told = ToldStates(self.session.engine)
 
     def connected(self) -> None:
         """Wait until tracker and tools have answered."""
@@ -57,10 +59,7 @@ class NdiBench:
 
     def state(self, state: OperatingState, detail: str = "") -> None:
         """Wait until the tracker is in a state, for a reason that has these words."""
-        eventually(
-            lambda: (now := self.front.operating_state()).state is state and detail in now.detail,
-            f"{state} {detail!r}, but {self.front.operating_state()}",
-        )
+        self._told.detail(state, detail)
 
     def tracking(self) -> None:
         """Enable the tracker, and wait for poses of all tools."""

@@ -21,6 +21,7 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_sim_backends.netft import SIM, RunningSim
+from rigs.told_states import ToldStates
 from rigs.waiting import LONG, eventually
 
 FREE_PORTS = {"rdt_port": 0, "tcp_port": 0, "http_port": 0}
@@ -28,7 +29,7 @@ FREE_PORTS = {"rdt_port": 0, "tcp_port": 0, "http_port": 0}
 
 def configuration(sim: RunningSim, **values: Any) -> NetFtConfig:
     """Return the driver's configuration for a running simulator."""
-    patient = {"sample_timeout": 2.0, "open_timeout": 10.0}
+    patient = {"sample_timeout": 2.0, "open_timeout": 10.0, "rate": 100.0}
     config = load(NetFtConfig, from_values({**patient, **values}))
     pointed = PLUGIN.sim_config(config, sim)
     assert isinstance(pointed, NetFtConfig)
@@ -53,6 +54,7 @@ class NetFtBench:
         self.sim = sim
         self.session = Session(PLUGIN, config)
         self.front: Any = LocalDevice(self.session)
+        self._told = ToldStates(self.session.engine)
         self.log = Log()
         self.session.engine.add_observer(self.log)
         device = self.session.engine.device
@@ -66,12 +68,7 @@ class NetFtBench:
 
     def state(self, state: OperatingState, detail: str = "") -> None:
         """Wait for a state."""
-
-        def reached() -> bool:
-            status = self.session.engine.status
-            return status.state is state and detail in status.detail
-
-        eventually(reached, f"{state} ({detail})")
+        self._told.detail(state, detail)
 
     def was(self, state: OperatingState, detail: str = "") -> None:
         """Wait until a state has been announced, for however short a time."""
@@ -100,7 +97,7 @@ class NetFtBench:
         """Wait for a load."""
         eventually(
             lambda: np.allclose(self.load(), wanted, atol=tolerance),
-            f"{wanted}, only {self.load()}",
+            lambda: f"{wanted}, only {self.load()}",
         )
 
     def record(self, seconds: float) -> Block:

@@ -12,6 +12,9 @@ from typing import Self
 
 RECORD = struct.Struct(">III6i")
 
+UPTIME = 1000.0
+"""Seconds for which the sensor was on before: it is late by less, so that a restart is seen by its clock."""
+
 
 def record(rdt: int, ft: int, status: int = 0, counts: tuple[int, ...] = (0,) * 6) -> bytes:
     """Return one record."""
@@ -26,7 +29,9 @@ class Peer:
         rate: of the stream of records that it sends from a start to a stop, in Hz; 0 for none.
         tick_rate: of its own measurements, in Hz.
         status, counts: what its records hold.
+        drift: counts by which its first axis grows from each record of the stream to the next.
         frozen: its measurements stand still.
+        late: seconds for which it goes on as it was after a request.
         requests: all that arrived, as (command, count).
         sent: records of its stream since it was asked for.
     """
@@ -38,13 +43,16 @@ class Peer:
         self.host, self.port = self.socket.getsockname()
         self.requests: list[tuple[int, int]] = []
         self.client: tuple[str, int] | None = None
-        self.on_start: Callable[[int], None] | None = None
+        self.on_start: Callable[[int], object] | None = None
         self.rate = 0.0
         self.tick_rate = 7000.0
         self.status = 0
         self.counts: tuple[int, ...] = (0,) * 6
+        self.drift = 0
         self.frozen = False
-        self._begun = self._booted = time.monotonic()
+        self.late = 0.0
+        self._begun = time.monotonic()
+        self._booted = self._begun - UPTIME
         self.sent = 0
         self._ticks = 0
         self._ended = threading.Event()
@@ -67,6 +75,10 @@ class Peer:
             assert time.monotonic() < deadline, f"no request {command:#x}: {self.requests}"
             time.sleep(0.002)
 
+    def was_asked(self, command: int) -> bool:
+        """Return whether such a request has come."""
+        return any(asked == command for asked, _ in self.requests)
+
     def reboot(self) -> None:
         """Lose the client and begin to count anew."""
         self.client = None
@@ -87,7 +99,9 @@ class Peer:
             if not self.frozen:
                 before = int((self._begun - self._booted) * self.tick_rate)
                 self._ticks = before + self.sent * step
-            data = record(self.sent, self._ticks, self.status, self.counts)
+            first, *others = self.counts
+            counts = (first + self.sent * self.drift, *others)
+            data = record(self.sent, self._ticks, self.status, counts)
             self.socket.sendto(data, client)
 
     def _run(self) -> None:
@@ -103,6 +117,10 @@ class Peer:
                 raise
             header, command, count = struct.unpack(">HHI", data)
             assert header == 0x1234
+            acts = time.monotonic() + self.late
+            while time.monotonic() < acts:
+                self._feed()
+                time.sleep(0.001)
             if command in (1, 2, 3):
                 self.client, self._begun, self.sent = address, time.monotonic(), 0
             elif command == 0:

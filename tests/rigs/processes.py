@@ -10,7 +10,7 @@ def children_of(pid: int) -> set[int]:
     """Return the ids of all processes below one."""
     try:
         own = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return set()
     found = {int(each) for each in own}
     return found.union(*map(children_of, found))
@@ -28,7 +28,7 @@ def has_ended(pid: int) -> bool:
     try:
         tasks = os.listdir(f"/proc/{pid}/task")
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):  # the latter of one that ends as it is read
         return True
     return state == "Z" and len(tasks) == 1  # its first thread may end before the others
 

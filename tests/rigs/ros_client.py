@@ -31,8 +31,8 @@ from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-TIMEOUT = 10.0
-"""Seconds: far above what anything takes, discovery (up to 3.3 s) included."""
+TIMEOUT = 30.0
+"""Seconds: far above what anything takes on a busy machine, discovery (up to 3.3 s) included."""
 
 PUBLISHED = {
     "measured_js": JointState,
@@ -221,19 +221,23 @@ class RosClient:
     def send(self, name: str, message: Any) -> None:
         self.publishers[name].publish(message)
 
-    def call(self, name: str, request: Any) -> Any:
-        future = self.clients[name].call_async(request)
-        done = threading.Event()
-        future.add_done_callback(lambda _: done.set())
-        assert done.wait(TIMEOUT), f"{name} did not answer"
-        return future.result()
+    def call(self, name: str, request: Any, again: float = 2.0) -> Any:
+        """Ask, and again after so many seconds: an answer is lost where this node is not found yet."""
+        done, asked = threading.Event(), []
+        end = time.monotonic() + TIMEOUT
+        while not done.is_set():
+            assert time.monotonic() < end, f"{name} did not answer"
+            asked.append(self.clients[name].call_async(request))
+            asked[-1].add_done_callback(lambda _: done.set())
+            done.wait(min(again, end - time.monotonic()))
+        return next(future.result() for future in asked if future.done())
 
     def trigger(self, name: str) -> Trigger.Response:
         """Ask a service of the device's own for what it does."""
         if name not in self.clients:
             self.clients[name] = self.node.create_client(Trigger, f"{self.namespace}/{name}")
             assert self.clients[name].wait_for_service(TIMEOUT)
-        response: Trigger.Response = self.call(name, Trigger.Request())
+        response: Trigger.Response = self.call(name, Trigger.Request(), again=TIMEOUT)
         return response
 
     def set_parameter(self, name: str, value: float) -> bool:

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from crtk_msgs.msg import SetpointMode
+from geometry_msgs.msg import Pose as PoseMessage
 from std_msgs.msg import MultiArrayDimension
 
 from crtk_drivers.commands import Payload
@@ -17,10 +18,12 @@ from crtk_drivers.samples import (
     Flag,
     JointServo,
     JointState,
+    Joy,
     Matrix,
     Number,
     Numbers,
     Pose,
+    Poses,
     Text,
     Twist,
     Value,
@@ -33,6 +36,7 @@ PAYLOADS: Mapping[type, Payload] = MappingProxyType(
     {
         JointState: Payload.JOINT_STATE,
         Pose: Payload.POSE,
+        Poses: Payload.POSES,
         Twist: Payload.TWIST,
         Wrench: Payload.WRENCH,
         Matrix: Payload.MATRIX,
@@ -40,6 +44,7 @@ PAYLOADS: Mapping[type, Payload] = MappingProxyType(
         Flag: Payload.FLAG,
         Numbers: Payload.NUMBERS,
         Text: Payload.TEXT,
+        Joy: Payload.JOY,
         JointServo: Payload.JOINT_SERVO,
         CartesianServo: Payload.CARTESIAN_SERVO,
         Status: Payload.OPERATING_STATE,
@@ -111,12 +116,25 @@ def _fill_numbers(message: Any, value: Numbers) -> None:
     message.data = array("d", value.values)
 
 
+def _fill_joy(message: Any, value: Joy) -> None:
+    message.axes = list(map(float, value.axes))
+    message.buttons = list(value.buttons)
+
+
 def _fill_text(message: Any, value: Text) -> None:
     message.string = str(value.value)
 
 
 def _mode(number: int) -> SetpointMode:
     return SetpointMode(value=int(number))
+
+
+def _fill_poses(message: Any, value: Poses) -> None:
+    for pose in value.poses:
+        each = PoseMessage()
+        _set(each.position, pose.position)
+        _set(each.orientation, pose.orientation)
+        message.poses.append(each)
 
 
 def _fill_joint_servo(message: Any, value: JointServo) -> None:
@@ -143,6 +161,7 @@ _FILL: Mapping[type, Callable[[Any, Any], None]] = MappingProxyType(
     {
         JointState: _fill_joints,
         Pose: _fill_pose,
+        Poses: _fill_poses,
         Twist: _fill_twist,
         Wrench: _fill_wrench,
         Matrix: _fill_matrix,
@@ -150,6 +169,7 @@ _FILL: Mapping[type, Callable[[Any, Any], None]] = MappingProxyType(
         Flag: _fill_flag,
         Numbers: _fill_numbers,
         Text: _fill_text,
+        Joy: _fill_joy,
         JointServo: _fill_joint_servo,
         CartesianServo: _fill_cartesian_servo,
         Status: _fill_status,

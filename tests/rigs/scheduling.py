@@ -2,8 +2,7 @@
 
 Tests that talk to simulators wait for seven tenths of their time, and fail where a burst of somebody's
 CPU makes a simulator or an I/O thread late. So there are more workers than cores, and a part of them are
-`nice`: they alone run what only computes, with the time that the others leave. One more waits in reserve,
-until nothing is left to compute and there is time for its tests too.
+`nice`: they run nothing but what only computes, with the time that the others leave.
 """
 
 from __future__ import annotations
@@ -24,14 +23,13 @@ from typing_extensions import override
 from xdist.scheduler.loadscope import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
+from rigs import warm_start
+
 WAITING_A_CORE = 2.0
 """Workers that wait, for the most part: one takes a third of a core, with its simulators."""
 
-COMPUTING_A_CORE = 1.0
+COMPUTING_A_CORE = 0.5
 """Workers that compute, with what the others leave."""
-
-RESERVE_A_CORE = 0.5
-"""Workers that wait too, once all is computed: before, something of what they run would be late."""
 
 NICE = 5
 """Of the workers that compute: a third of what another process gets that wants all it can get."""
@@ -42,15 +40,17 @@ PIECE = 15.0
 COMPUTING = {
     "cli": 0.3,
     "core": 0.1,
-    "docs": 3.0,
+    "docs": 1.5,
     "matlab": 1.5,
     "motion": 0.15,
+    "tapes": 0.2,
     "plugins": 0.5,
     "test_conftest.py": 2.0,
     "test_bench_proof.py": 2.0,
     "test_bench_together.py": 0.4,
     "test_new_plugin_types.py": 4.0,
     "test_new_plugins.py": 15.0,
+    "test_defects_of_an_arm.py": 0.4,
     "test_plant.py": 0.2,
     "test_trials.py": 2.0,
     "unit": 0.03,
@@ -73,8 +73,10 @@ WAITING = {
     "test_bench_command.py": 4.0,
     "test_bench_forces.py": 3.5,
     "test_bench_links.py": 3.5,
+    "test_bench_parts.py": 3.0,
     "test_contract_loopback.py": 0.2,
     "test_examining.py": 8.0,
+    "test_examples.py": 3.0,
     "test_lab_tests.py": 1.5,
     "test_matrix.py": 1.3,
     "test_own_drivers.py": 12.0,
@@ -82,6 +84,12 @@ WAITING = {
     "wire": 0.5,
 }
 """Folders whose tests talk to simulators, or step an arm, in real time, likewise."""
+
+LONG_WAIT = 0.3
+"""Seconds from which on a test that waits is quick in some of its cases only."""
+
+EVERY = 3
+"""One in so many cases of such a test is quick, if it does not say itself."""
 
 ALONE = ("ur_rtde", "test_examining")
 """In the names of tests of which one of a sort runs at a time: the vendor library streams 500 times a second
@@ -92,6 +100,9 @@ LONGEST_COMPUTATION = 240.0
 
 LONGEST_COLLECTION = 120.0
 """Seconds for which workers wait for the first."""
+
+FORKS = "forks"
+"""Where workers find the process that forks programs for all of them."""
 
 AUTOGROUP = Path("/proc/self/autogroup")
 
@@ -104,7 +115,6 @@ class Sort(StrEnum):
 
     COMPUTES = "computes"
     WAITS = "waits"
-    RESERVE = "waits when nothing is left to compute"
     ANY = "runs all"
 
 
@@ -114,18 +124,15 @@ _folders: list[TemporaryDirectory[str]] = []
 
 def workers(cores: int) -> int:
     """Return how many workers run all tests."""
-    return int((WAITING_A_CORE + COMPUTING_A_CORE + RESERVE_A_CORE) * cores)
+    return int((WAITING_A_CORE + COMPUTING_A_CORE) * cores)
 
 
 def sort_of(number: int, workers: int) -> Sort:
     """Return what worker `number` (from 0) of so many is for."""
     if workers <= 3:
         return Sort.ANY
-    share = workers / (WAITING_A_CORE + COMPUTING_A_CORE + RESERVE_A_CORE)
-    compute = round(COMPUTING_A_CORE * share)
-    if number < compute:
-        return Sort.COMPUTES
-    return Sort.RESERVE if number >= workers - round(RESERVE_A_CORE * share) else Sort.WAITS
+    share = COMPUTING_A_CORE / (WAITING_A_CORE + COMPUTING_A_CORE)
+    return Sort.COMPUTES if number < round(share * workers) else Sort.WAITS
 
 
 def take_share(given: dict[str, Any]) -> None:
@@ -135,6 +142,7 @@ def take_share(given: dict[str, Any]) -> None:
     """
     os.setsid()
     Path(given[TOLD], f"{os.getpid()}.session").touch()
+    warm_start.server().join(Path(given[TOLD], FORKS))
     if given[SORT] == Sort.COMPUTES:
         os.nice(NICE)
         with suppress(OSError):
@@ -156,6 +164,10 @@ def invite(node: WorkerController) -> None:
     if not _folders:
         _folders.append(TemporaryDirectory(prefix="crtk-tests-"))
         node.config.add_cleanup(_folders[0].cleanup)
+        if sort_of(0, workers) is not Sort.ANY:
+            server = warm_start.server()
+            server.begin_for_all(Path(_folders[0].name, FORKS))
+            node.config.add_cleanup(server.close)
     node.workerinput[SORT] = sort_of(number, workers).value
     node.workerinput[IS_FIRST] = number == 0
     node.workerinput[TOLD] = _folders[0].name
@@ -198,8 +210,6 @@ class Scheduling(LoadScopeScheduling):
 
     @override
     def _assign_work_unit(self, node: WorkerController) -> None:
-        if self._is_held(node):
-            return
         piece = self._next_of(node)
         if piece is None:
             node.shutdown()
@@ -226,22 +236,8 @@ class Scheduling(LoadScopeScheduling):
 
     @override
     def _reschedule(self, node: WorkerController) -> None:
-        for one in {node, *filter(self._is_in_reserve, self.nodes)}:
-            self._schedule_more(one)
-
-    def _schedule_more(self, node: WorkerController) -> None:
-        if self._is_held(node) or self._pending_of(self.assigned_work[node]) > 2:
-            return
-        if not node.shutting_down and self.workqueue and self._next_of(node) is None:
-            node.shutdown()
-            return
-        super()._reschedule(node)
-
-    def _is_in_reserve(self, node: WorkerController) -> bool:
-        return node.workerinput.get(SORT) == Sort.RESERVE
-
-    def _is_held(self, node: WorkerController) -> bool:
-        return self._is_in_reserve(node) and any(map(computes, self.workqueue))
+        if self._pending_of(self.assigned_work[node]) <= 2:
+            super()._reschedule(node)
 
     def _next_of(self, node: WorkerController) -> str | None:
         """Return the longest of what this worker may run: what is alone, then what waits, then the rest."""
@@ -280,18 +276,27 @@ def _file(name: str) -> str:
 
 
 def _found(name: str) -> tuple[bool, float]:
+    return _told_of(_file(name))
+
+
+@cache
+def _told_of(file: str) -> tuple[bool, float]:
     """Whether a file computes and how long a test takes, as the tables say of it or the nearest folder."""
-    for part in reversed(PurePosixPath(_file(name)).parts):
+    for part in reversed(PurePosixPath(file).parts):
         for table in (COMPUTING, WAITING):
             if part in table:
                 return table is COMPUTING, table[part]
     return False, 0.3
 
 
-@cache
 def computes(name: str) -> bool:
     """Whether a test, a file or a piece of it is a matter of computing only."""
     return _found(name)[0]
+
+
+def waits_long(name: str) -> bool:
+    """Whether a test takes its time because it keeps real time."""
+    return not computes(name) and seconds(name) >= LONG_WAIT
 
 
 @cache
@@ -300,7 +305,6 @@ def alone(name: str) -> str | None:
     return next((sort for sort in ALONE if sort in name and not computes(name)), None)
 
 
-@cache
 def seconds(name: str) -> float:
     """Return about how long one of its tests takes."""
     return _found(name)[1]

@@ -1,6 +1,7 @@
 """An engine on a device that does what a test says, and a clock that the test turns."""
 
 from collections.abc import Callable, Mapping
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -244,6 +245,14 @@ class Rig:
         )
         self.told = Recorder()
         self.engine.add_observer(self.told)
+
+    def wall_ns(self) -> int:
+        """Return the time of its clock, in ns as stamps have it."""
+        return self.clock.stamp().wall_ns
+
+    def tells_time_to(self, module: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Have a module that asks what time it is, for the age of a stamp, told that of its clock."""
+        monkeypatch.setattr(module, "time", SimpleNamespace(time_ns=self.wall_ns))
 
     @property
     def state(self) -> OperatingState:

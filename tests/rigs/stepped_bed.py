@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from operator import itemgetter
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
 from crtk_driver_virtual.defective_device import DefectiveDevice
 from crtk_drivers import plugins, samples
-from crtk_drivers.config import DeviceConfig, from_values, load
+from crtk_drivers.config import BoxConfig, DeviceConfig, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CrtkError
@@ -26,13 +26,16 @@ from crtk_drivers.labs.bench.operator import Operator
 from crtk_drivers.labs.bench.trace import Row, Trace
 from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.labs.carried import Carried
+from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import Pose, Stamp, Value
 from crtk_drivers.session.opened import engine_options
 from crtk_drivers.status.stop_request import StopRequest
 from crtk_drivers.testing import loopback
+from crtk_sim_backends.ndi.defects import TrackerDefects
 from crtk_sim_backends.netft.defects import TransducerDefects
+from rigs.carried_marker import CarriedMarker, MarkerTracker
 from rigs.carried_sensor import CarriedSensor
 from rigs.stepped_time import Steps
 
@@ -94,13 +97,22 @@ class Seat:
         self.recorded = Rows(steps, prefix)
         self._steps = steps
         self._period = 1.0 / device.capabilities.rate
-        session: Any = SimpleNamespace(engine=self.engine)
+        recordings = SimpleNamespace(may_be_asked=False)
+        self._behind = {
+            name: Engine(child, plugin, options, steps.monotonic, steps.let_pass)
+            for name, child in device.children.items()
+        }
+        session: Any = SimpleNamespace(
+            engine=self.engine, children=self._behind, recordings=recordings
+        )
         self.door = SteppedDoor(Host(session, HostOrder(plugin, config, str(Path("door")), b"key")))
-        self.engine.wait_for = steps.wait  # type: ignore[method-assign]
-        self.engine.connect(steps.monotonic() + CONNECT)
+        for engine in (self.engine, *self._behind.values()):
+            engine.wait_for = steps.wait  # type: ignore[method-assign]
+            engine.connect(steps.monotonic() + CONNECT)
 
     def cycle(self) -> None:
-        self.engine.cycle(self._steps.monotonic() + self._period)
+        for engine in (self.engine, *self._behind.values()):
+            engine.cycle(self._steps.monotonic() + self._period)
 
     def look(self) -> Pose | None:
         """Return the pose that it tells, None as long as it tells none."""
@@ -169,28 +181,73 @@ def acquired_carried(
         defects: of the sensor.
         behind: cycles by which what it tells is older than its stamp.
     """
+
+    def sensor(arm: Seat, rate: float) -> Device:
+        return CarriedSensor(rate, carried, arm.look, defects, behind)
+
+    trace, told, kept = _acquired_on_arm(acquisition, values, sensor)
+    return trace, Subject.of(told, (), {}, kept, carried)
+
+
+def acquired_marked(
+    acquisition: Acquisition,
+    values: Mapping[str, Any],
+    defects: TrackerDefects,
+    bounds: Mapping[str, BoundEntry] = MappingProxyType({}),
+    box: BoxConfig | None = None,
+) -> tuple[Trace, Subject]:
+    """Carry out an acquisition of a tracker that sees the marker of a virtual arm; return the same.
+
+    Args:
+        acquisition: of the tracker.
+        values: of the arm.
+        defects: of the tracker.
+        bounds: as of a lab file.
+        box: in which the tool of the arm must stay.
+    """
+
+    def tracker(arm: Seat, rate: float) -> Device:
+        return MarkerTracker(CarriedMarker(arm.look, defects))
+
+    trace, told, kept = _acquired_on_arm(acquisition, values, tracker, box)
+    return trace, Subject.of(told, (), bounds, kept, markers=("marker",))
+
+
+def _acquired_on_arm(
+    acquisition: Acquisition,
+    values: Mapping[str, Any],
+    beside: Callable[[Seat, float], Device],
+    box: BoxConfig | None = None,
+) -> tuple[Trace, About, Mapping[str, Any]]:
+    """Carry out an acquisition of what a virtual arm carries; return its recording, what it is, and kept.
+
+    Args:
+        acquisition: of that.
+        values: of the arm.
+        beside: makes it, of the arm and its rate.
+        box: in which the tool of the arm must stay.
+    """
     with _seated("virtual", values, "carrier/") as (arm, steps):
         about_arm: About = arm.door.call("about")
-        device = CarriedSensor(about_arm.capabilities.rate, carried, arm.look, defects, behind)
-        sensor = Seat(device, "sensor", DeviceConfig(), steps)
+        device = beside(arm, about_arm.capabilities.rate)
+        carried = Seat(device, "carried", DeviceConfig(), steps)
 
         def both() -> None:
             arm.cycle()
-            sensor.cycle()
+            carried.cycle()
 
         steps.step = both
-        told: About = sensor.door.call("about")
+        told: About = carried.door.call("about")
         own, other = (
-            Watch(seat.door, each, None, StopRequest())
-            for seat, each in ((sensor, told), (arm, about_arm))
+            Watch(seat.door, each, its, StopRequest())
+            for seat, each, its in ((carried, told, None), (arm, about_arm, box))
         )
         own.join(other)
-        under = Bed(
-            "ft", told, sensor.door, own, 1.0, None, Bed("arm", about_arm, arm.door, other, 1.0)
-        )
-        _carry_out(acquisition, under, steps, {own: sensor, other: arm})
-    rows = sorted([*sensor.recorded.rows, *arm.recorded.rows], key=itemgetter(1))
-    return Trace.of(rows), Subject.of(told, (), {}, under.kept, carried)
+        carrier = Bed("arm", about_arm, arm.door, other, 1.0)
+        under = Bed("carried", told, carried.door, own, 1.0, None, carrier)
+        _carry_out(acquisition, under, steps, {own: carried, other: arm})
+    rows = sorted([*carried.recorded.rows, *arm.recorded.rows], key=itemgetter(1))
+    return Trace.of(rows), told, under.kept
 
 
 def _carry_out(

@@ -119,7 +119,30 @@ INTERPRETER = TEXT | {
 }
 
 API = b"/universal-robots/robot-api"
+
+
+def upload(kind: bytes, body: bytes) -> bytes:
+    """A program that is sent to the Robot API, or what is to look like one."""
+    head = b"POST " + API + b"/programs/v1/ HTTP/1.1\r\nContent-Type: " + kind
+    return head + b"\r\nContent-Length: %d\r\n\r\n" % len(body) + body
+
+
+PART = b'--x\r\nContent-Disposition: form-data; name="file"\r\n\r\n'
 ROBOT_API = {
+    "a form without parts": upload(b"multipart/form-data; boundary=x", b"--x--"),
+    "a form without a boundary": upload(b"multipart/form-data", PART + b"{}\r\n--x--"),
+    "a form of bytes": upload(b"multipart/form-data; boundary=x\xff", PART + b"\xff\xfe\0" * 99),
+    "a form in forms": upload(
+        b"multipart/mixed; boundary=x",
+        b"--x\r\nContent-Type: multipart/mixed; boundary=x\r\n\r\n" * 99,
+    ),
+    "JSON in JSON in a form": upload(
+        b"multipart/form-data; boundary=x", PART + b"[" * 90000 + b"\r\n--x--"
+    ),
+    "a form in a code that is none": upload(
+        b"multipart/form-data; boundary=x; charset=nothing",
+        PART.replace(b"\r\n\r\n", b"\r\nContent-Transfer-Encoding: base64\r\n\r\n") + b"?\r\n--x--",
+    ),
     "no HTTP": b"\r\n\r\n" + TEXT["bytes that are no text"],
     "a head without its end": b"GET " + API + b" HTTP/1.1\r\n" + b"A: b\r\n" * 5000,
     "a body that is no JSON": b"PUT "

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crtk_drivers import plugins
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.session import Session, open_session
 from rigs.loopback_node import served, until
 from rigs.ros_client import RosClient
+from rigs.ur_bench import lenient, patient_config
 
 NOT_ON_A_UR = frozenset({"servo_jf"})
-PATIENT = {"sample_timeout": 3.0, "watchdog_frequency": 2.0}
-"""Configuration in which a busy machine is no fault, and does not trip the controller's watchdog."""
+PATIENT = {"frequency": 125.0, "sample_timeout": 3.0}
+"""Configuration in which a busy machine is no fault, and does not trip the controller's watchdog. DDS carries
+several messages of each sample."""
 
 
 @dataclass
@@ -31,19 +32,28 @@ class UrRig:
         return np.array(inbox.wait(since=inbox.mark()).position)
 
     def enabled(self) -> None:
-        if self.client.state.state != "ENABLED":
-            self.client.reach("enable", "ENABLED")
+        """Enable it, once more where a busy machine lets the controller, or its watchdog, end that."""
+        until(self._is_enabled, "it is enabled")
+
+    def _is_enabled(self) -> bool:
+        state = self.client.state.state
+        if state == "ENABLED":
+            return True
+        since = self.client["operating_state"].mark()
+        self.client.state_command("resume" if state == "PAUSED" else "enable")
+        self.client["operating_state"].wait(lambda m: not m.is_busy, since)
+        until(lambda: self.session.engine.transition_ended, "it has come to an end")
+        return False
 
 
 @contextmanager
 def ur_on_ros(namespace: str) -> Iterator[UrRig]:
     """Serve a simulated arm, and connect a client to it."""
-    config = plugins.device("ur").load_config(None, PATIENT)
-    session = open_session("ur", config, sim=True)
+    session = open_session("ur", patient_config(PATIENT), sim=True)
     with (
+        lenient(),
         RosClient(namespace, NOT_ON_A_UR) as client,
         served(session, namespace, (), NodeConfig()),
     ):
         client.check_connections()
-        until(lambda: session.engine.has_sample, "the arm is connected")
         yield UrRig(session, client)

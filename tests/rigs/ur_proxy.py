@@ -13,10 +13,14 @@ from contextlib import contextmanager, suppress
 from types import SimpleNamespace
 from typing import Any
 
-from rigs.ur_bench import UrBench, brisk_sim, driver_at
+from rigs.ur_bench import LONG, UrBench, brisk_sim, driver_at
 
 PORTS = (30001, 30002, 30003, 30004, 30011, 29999)
 RTDE = 30004
+STATE = ord("U")
+TIME_STAMP = struct.Struct(">d")
+"""What a state begins with after its header, s."""
+
 LATE = 0.4
 """Seconds."""
 
@@ -36,12 +40,14 @@ class Proxy:
 
     Attributes:
         lag: seconds that every message takes, to the controller (True) and from it (False).
+        came: when a state came from the controller, in monotonic seconds, by its time stamp.
     """
 
     def __init__(self, host: str, controller: str) -> None:
         self.host = host
         self._controller = controller
         self.lag = {True: 0.0, False: 0.0}
+        self.came: dict[float, float] = {}
         self._ended = threading.Event()
         self._lock = threading.Lock()
         self._chosen: Chosen | None = None
@@ -77,7 +83,7 @@ class Proxy:
         while not self._ended.is_set():
             try:
                 near, _ = listener.accept()
-                far = socket.create_connection((self._controller, port), 5.0)
+                far = socket.create_connection((self._controller, port), LONG)
             except OSError:
                 continue
             for one in (near, far):
@@ -110,8 +116,11 @@ class Proxy:
                 data = source.recv(65536)
                 is_open = bool(data)
                 messages, buffer = _messages(buffer + data, port)
-                due = time.monotonic() + self.lag[inward]
+                now = time.monotonic()
+                due = now + self.lag[inward]
                 under_way.extend((due, message) for message in messages)
+                if port == RTDE and not inward:
+                    self.came |= dict.fromkeys(map(_time_stamp, filter(_is_state, messages)), now)
             now = time.monotonic()
             ready = []
             while under_way and under_way[0][0] <= now:
@@ -159,6 +168,14 @@ def _spoiled(message: bytes, target: socket.socket, action: str) -> None:
             time.sleep(0.001)
         return
     target.sendall(message * (2 if action == "doubled" else 1))
+
+
+def _is_state(message: bytes) -> bool:
+    return message[2] == STATE and len(message) > 4 + TIME_STAMP.size
+
+
+def _time_stamp(state: bytes) -> float:
+    return float(TIME_STAMP.unpack_from(state, 4)[0])
 
 
 def _messages(data: bytes, port: int) -> tuple[list[bytes], bytes]:

@@ -12,11 +12,24 @@ LONG = 30.0
 """Seconds that anything may take on a busy machine before a test gives up."""
 
 
-def eventually(test: Callable[[], Any], what: str, timeout: float = LONG) -> Any:
-    """Return what `test` returns as soon as that is true."""
+def eventually(
+    test: Callable[[], Any], what: str | Callable[[], str], timeout: float = LONG
+) -> Any:
+    """Return what `test` returns as soon as that is true; `what` may be asked for when it was never."""
     deadline = time.monotonic() + timeout
     while not (found := test()):
         if time.monotonic() > deadline:
-            pytest.fail(f"never: {what}")
+            pytest.fail(f"never: {what() if callable(what) else what}")
         time.sleep(0.005)
     return found
+
+
+def endless(data: bytes) -> Callable[[float], bytes]:
+    """Return a way's `read` that always has data; it fails for who reads for longer than `LONG`."""
+    end = time.monotonic() + LONG
+
+    def read(deadline: float) -> bytes:
+        assert time.monotonic() < end, "it reads for ever"
+        return data
+
+    return read

@@ -1,10 +1,10 @@
-"""Simulators and the processes of the bench are forked from one that has imported them.
+"""Simulators, processes of the bench and commands are forked from one process that has imported them.
 
 They start in a hundredth of a second. What a simulator costs before it does anything is Python, numpy and
 its own modules: a tenth of a second of CPU, all at once, beside tests that keep time; a process of the bench
-takes four. The fork has the arguments, the files, the environment, the folder and the session that
-`crtk_sim_backends.process` and `crtk_drivers.labs.bench.programs` give it, starts its own processes by this
-too, and ends as any Python program does. Its parent is the process that forks.
+takes four, a driver on ROS eight. The fork has the arguments, the files, the environment, the folder and the
+session that whoever starts it gives it, starts its own processes by this too, and ends as any Python program
+does. Its parent is the process that forks.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import cache, partial
+from pathlib import Path
 from typing import IO, Any, Self
 
 MOST = 1 << 18
@@ -33,23 +35,56 @@ MOST = 1 << 18
 FILES = 16
 """Files that a request may have."""
 
-ANSWERED_WITHIN = 30.0
-"""Seconds: at first, all of it is imported meanwhile."""
+ANSWERED_WITHIN = 100.0
+"""Seconds: at first, all of it is imported meanwhile, ten seconds of CPU, by all workers at once."""
 
-SIMULATORS = ("crtk_sim_backends",)
-"""Packages of simulators."""
+SIMULATORS = "crtk_sim_backends"
+"""What is imported at first."""
 
-BENCH = (
-    *SIMULATORS,
+PROGRAMS = (
     "_pytest",
-    "crtk_drivers.labs.bench",
+    "crtk_drivers.cli",
+    "crtk_drivers.client",
+    "crtk_drivers.front",
+    "crtk_drivers.labs",
+    "crtk_drivers.ros",
+    "crtk_drivers.session",
+)
+"""What is imported before the first fork that is no simulator: who starts simulators alone does not wait."""
+
+DRIVERS = (
     "crtk_driver_ati_netft",
     "crtk_driver_canopen",
     "crtk_driver_dynamixel",
     "crtk_driver_ur",
     "crtk_driver_virtual",
 )
-"""Those of a run of the bench, and of a lab's own tests."""
+"""What is imported then, too; or one of them alone, if it is a driver that starts a process of its own."""
+
+
+class Reader:
+    """Reads the rest of a pipe, if there is one, so that whoever writes is never stopped."""
+
+    def __init__(self, pipe: IO[Any] | None) -> None:
+        self._pipe = pipe
+        self._found: Any = None
+        self._thread: threading.Thread | None = None
+
+    def begin(self) -> None:
+        if self._pipe is not None and self._thread is None:
+            self._thread = threading.Thread(target=self._run, daemon=True)
+            self._thread.start()
+
+    def _run(self) -> None:
+        assert self._pipe is not None
+        self._found = self._pipe.read()
+
+    def finish(self) -> Any:
+        """Return what was read, and close the pipe."""
+        if self._pipe is not None and self._thread is not None:
+            self._thread.join()
+            self._pipe.close()
+        return self._found
 
 
 class Process:
@@ -59,13 +94,16 @@ class Process:
         self,
         pid: int,
         told: socket.socket,
-        stdin: IO[bytes] | None = None,
-        stdout: IO[bytes] | None = None,
+        stdin: IO[Any] | None = None,
+        stdout: IO[Any] | None = None,
+        stderr: IO[Any] | None = None,
     ) -> None:
         self.pid = pid
         self.returncode: int | None = None
         self.stdin = stdin
         self.stdout = stdout
+        self.stderr = stderr
+        self._readers = [Reader(pipe) for pipe in (stdout, stderr)]
         self._told = told  # readable when it has ended: how
         self._reading = threading.Lock()
 
@@ -73,7 +111,7 @@ class Process:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for pipe in (self.stdin, self.stdout):
+        for pipe in (self.stdin, self.stdout, self.stderr):
             if pipe is not None:
                 pipe.close()
         self.wait()
@@ -86,6 +124,16 @@ class Process:
         if code is None:
             raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
         return code
+
+    def communicate(self, timeout: float | None = None) -> tuple[Any, Any]:
+        """Return all that it still writes until it ends."""
+        if self.stdin is not None:
+            self.stdin.close()
+        for reader in self._readers:
+            reader.begin()
+        self.wait(timeout)
+        out, errors = (reader.finish() for reader in self._readers)
+        return out, errors
 
     def _look(self, timeout: float | None) -> int | None:
         if self.returncode is None and self._has_told(timeout):
@@ -117,27 +165,39 @@ class WarmStart:
     """The process that programs are forked from, and how to ask it for one.
 
     Args:
-        packages: that it imports.
         peer: leads to such a process that is there already.
     """
 
-    def __init__(self, packages: Sequence[str], peer: socket.socket | None = None) -> None:
-        self._packages = packages
+    def __init__(self, peer: socket.socket | None = None) -> None:
         self._lock = threading.Lock()
         self._peer = peer
+        self._process: subprocess.Popen[bytes] | None = None
 
-    def _begin(self) -> socket.socket:
+    def _begin(self, *listening: socket.socket) -> socket.socket:
         self._peer, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
+            files = [each.fileno() for each in (theirs, *listening)]
             self._process = subprocess.Popen(
-                [sys.executable, "-P", __file__, str(theirs.fileno()), *self._packages],
+                [sys.executable, "-P", __file__, *map(str, files)],
                 stdin=subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(),),
+                pass_fds=files,
                 start_new_session=True,
                 # A fork has no thread but the one that forked; numpy would miss those of its own.
                 env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
             )
         return self._peer
+
+    def begin_for_all(self, path: Path) -> None:
+        """Start it, and let others `join` it at `path`, until this is closed."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+            listener.bind(str(path))
+            listener.listen()
+            self._begin(listener)
+
+    def join(self, path: Path) -> None:
+        """Have what is started forked by the process that `begin_for_all` has started."""
+        self._peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._peer.connect(str(path))
 
     def start(self, module: str, arguments: Sequence[str], pass_fds: Sequence[int]) -> Process:
         """Do what `crtk_sim_backends.process` does, and sooner."""
@@ -152,36 +212,89 @@ class WarmStart:
         files: Sequence[int],
     ) -> Process:
         """Do what `crtk_drivers.labs.bench.programs` does, and sooner."""
+        return self._start(module, arguments, stdout, stderr, {file: file for file in files}, "b")
+
+    def start_child(self, module: str, arguments: Sequence[str], peer: int, output: int) -> Process:
+        """Do what `crtk_drivers.kit.child_process` does, and sooner; its parent is this process."""
+        taken = {1: output, 2: output, peer: peer}
+        told = [str(peer), *arguments]
+        return Process(*self._fork(module, told, taken, parent=os.getpid()))
+
+    def start_text(
+        self, module: str, *arguments: str, stdout: int | None = None, stderr: int | None = None
+    ) -> Process:
+        """Do what `rigs.programs` does, and sooner."""
+        return self._start(module, arguments, stdout, stderr, {}, "")
+
+    def start_command(
+        self,
+        otherwise: Callable[..., subprocess.Popen[bytes]],
+        command: Sequence[str],
+        log: int,
+        folder: Path,
+        environment: Mapping[str, str] | None,
+        files: Sequence[int],
+    ) -> Process | subprocess.Popen[bytes]:
+        """Do what `crtk_drivers.labs.supervisor` does, and sooner, if it is a device that is started."""
+        if not files:
+            return otherwise(command, log, folder, environment, files)
+        _, _, module, *arguments = command
+        with open(os.devnull) as nothing:
+            taken = {0: nothing.fileno(), 1: log, 2: log, **{file: file for file in files}}
+            return Process(*self._fork(module, arguments, taken, folder, environment))
+
+    def _start(
+        self,
+        module: str,
+        arguments: Sequence[str],
+        stdout: int | None,
+        stderr: int | None,
+        files: Mapping[int, int],
+        mode: str,
+    ) -> Process:
         order, stdin = os.pipe()
-        answers, printed = os.pipe() if stdout == subprocess.PIPE else (None, stdout or 1)
+        ours: list[int | None] = []
+        theirs: list[int] = []
+        for number, where in ((1, stdout), (2, stderr)):
+            read, write = os.pipe() if where == subprocess.PIPE else (None, where)
+            ours.append(read)
+            theirs.append(number if write is None else write)
         try:
-            taken = {0: order, 1: printed, 2: stderr or 2, **{file: file for file in files}}
+            taken = {0: order, 1: theirs[0], 2: theirs[1], **files}
             pid, told = self._fork(module, arguments, taken)
         finally:
             os.close(order)
-            if answers is not None:
-                os.close(printed)
-        return Process(
-            pid,
-            told,
-            os.fdopen(stdin, "wb"),
-            None if answers is None else os.fdopen(answers, "rb"),
-        )
+            for read, write in zip(ours, theirs, strict=True):
+                if read is not None:
+                    os.close(write)
+        pipes = [None if read is None else os.fdopen(read, f"r{mode}") for read in ours]
+        return Process(pid, told, os.fdopen(stdin, f"w{mode}"), *pipes)
 
     def _fork(
-        self, module: str, arguments: Sequence[str], taken: Mapping[int, int]
+        self,
+        module: str,
+        arguments: Sequence[str],
+        taken: Mapping[int, int],
+        folder: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+        parent: int = 0,
     ) -> tuple[int, socket.socket]:
-        """Ask for a process with files of this one, by their number there; return what tells how it ends."""
+        """Ask for a process with files of this one, by their number there; return what tells how it ends.
+
+        Where `parent` is given, the process is told that this is its parent, as long as it lives.
+        """
         with self._lock:
             peer = self._peer or self._begin()
         request: dict[str, Any] = {
             "module": module,
             "arguments": arguments,
             "path": [folder for folder in sys.path if folder],
-            "environment": dict(os.environ),
-            "folder": os.getcwd(),
+            "environment": dict(os.environ if environment is None else environment),
+            "folder": str(folder or Path.cwd()),
             "files": [*taken, peer.fileno()],
             "peer": peer.fileno(),
+            "parent": parent,
+            "nice": os.getpriority(os.PRIO_PROCESS, 0),
         }
         # Each request has its own way for answers: a test that ends while it waits leaves none to the next.
         told, tell = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -196,10 +309,20 @@ class WarmStart:
             raise
 
     def close(self) -> None:
-        """End the process. What it has forked goes on, as long as the one for whom it was forked."""
+        """End the process, if there is one.
+
+        What it has forked goes on, as long as the one for whom it was forked.
+        """
         if self._peer is not None:
             self._peer.close()
+        if self._process is not None:
             self._process.wait(10.0)
+
+
+@cache
+def server() -> WarmStart:
+    """Return that of this process."""
+    return WarmStart()
 
 
 def number(told: socket.socket) -> int:
@@ -209,43 +332,55 @@ def number(told: socket.socket) -> int:
     return int(data)
 
 
-def serve(peer: socket.socket) -> dict[str, Any] | None:
-    """Fork whatever is asked for. Return the request in the fork, and None where nobody asks any more."""
+def serve(first: socket.socket, listener: socket.socket | None) -> dict[str, Any] | None:
+    """Fork whatever is asked for. Return the request in the fork, and None where `first` asks no more."""
     awakened, awake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(awake, warn_on_full_buffer=False)
     children: dict[int, socket.socket] = {}
+    imported = {SIMULATORS}
+    doors = [] if listener is None else [listener]
+    peers = [first]
+    if listener is not None:
+        import_more({*PROGRAMS, *DRIVERS}, imported)
     while True:
-        readable, _, _ = select.select([peer, awakened], [], [])
+        readable, _, _ = select.select([*doors, *peers, awakened], [], [])
         if awakened in readable:
             os.read(awakened, 4096)
             reap(children)
-        if peer not in readable:
-            continue
-        data, files, _, _ = socket.recv_fds(peer, MOST, FILES)
-        if not data:
-            return None
-        request: dict[str, Any] = json.loads(data)
-        descriptor, *files = files
-        tell = socket.socket(fileno=descriptor)
-        pid = os.fork()
-        if pid == 0:
-            signal.set_wakeup_fd(-1)
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            for unused in (awakened, awake):
-                os.close(unused)
-            for other in (peer, tell, *children.values()):
-                other.close()
-            os.setsid()
-            take(files, request["files"])
-            return request
-        children[pid] = tell
-        for file in files:
-            os.close(file)
-        try:
-            tell.send(str(pid).encode())
-        except BrokenPipeError:  # whoever asked has gone
-            os.kill(pid, signal.SIGKILL)
+        peers.extend(door.accept()[0] for door in doors if door in readable)
+        for peer in [each for each in peers if each in readable]:
+            data, files, _, _ = socket.recv_fds(peer, MOST, FILES)
+            if not data:
+                if peer is first:
+                    return None
+                peers.remove(peer)
+                peer.close()
+                continue
+            request: dict[str, Any] = json.loads(data)
+            package = request["module"].partition(".")[0]
+            alone = package in (SIMULATORS, *DRIVERS)
+            import_more({package} if alone else {*PROGRAMS, *DRIVERS}, imported)
+            descriptor, *files = files
+            tell = socket.socket(fileno=descriptor)
+            pid = os.fork()
+            if pid == 0:
+                signal.set_wakeup_fd(-1)
+                signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                for unused in (awakened, awake):
+                    os.close(unused)
+                for other in (*doors, *peers, tell, *children.values()):
+                    other.close()
+                os.setsid()
+                take(files, request["files"])
+                return request
+            children[pid] = tell
+            for file in files:
+                os.close(file)
+            try:
+                tell.send(str(pid).encode())
+            except BrokenPipeError:  # whoever asked has gone
+                os.kill(pid, signal.SIGKILL)
 
 
 def reap(children: dict[int, socket.socket]) -> None:
@@ -269,39 +404,74 @@ def take(files: Sequence[int], numbers: Sequence[int]) -> None:
         os.close(file)
 
 
-def import_all(name: str) -> None:
-    """Import a package with all that is in it, but what is run."""
-    package = importlib.import_module(name)
-    for module in pkgutil.walk_packages(package.__path__, f"{name}."):
-        if not module.name.endswith("__main__"):
-            with suppress(ImportError):  # of an extra that is not installed
-                importlib.import_module(module.name)
-
-
-def main(descriptor: int, packages: Sequence[str]) -> None:
-    """Fork until nobody asks any more, and be the program in the fork."""
-    for package in packages:
-        import_all(package)
+def import_all(*names: str) -> None:
+    """Import packages with all that is in them, but what is run; spare the collector to look at it."""
+    for name in names:
+        with suppress(ImportError):  # of an extra that is not installed
+            package = importlib.import_module(name)
+            for module in pkgutil.walk_packages(package.__path__, f"{name}."):
+                if not module.name.endswith("__main__"):
+                    with suppress(ImportError):
+                        importlib.import_module(module.name)
     gc.freeze()
-    request = serve(socket.socket(fileno=descriptor))
+
+
+def import_more(needed: set[str], imported: set[str]) -> None:
+    """Import what of `needed` is not `imported` yet."""
+    if not needed <= imported:
+        import_all(*sorted(needed - imported))
+        imported |= needed
+
+
+def main(descriptor: int, *doors: int) -> None:
+    """Fork until nobody asks any more, and be the program in the fork."""
+    import_all(SIMULATORS)
+    listener = socket.socket(fileno=doors[0]) if doors else None
+    request = serve(socket.socket(fileno=descriptor), listener)
     if request is not None:
-        start_by(WarmStart(packages, socket.socket(fileno=request["peer"])))
+        os.nice(max(0, request["nice"] - os.getpriority(os.PRIO_PROCESS, 0)))
+        start_by(WarmStart(socket.socket(fileno=request["peer"])))
         os.environ.clear()
         os.environ.update(request["environment"])
         os.chdir(request["folder"])
         sys.path[:] = request["path"]
         sys.argv[1:] = request["arguments"]
+        if request["parent"]:
+            os.getppid = partial(parent_of, request["parent"], os.getppid())
         run(request["module"])
 
 
+LATE_THREAD = 4.0
+"""Seconds, in place of half of one, that an I/O thread may be late: on a busy machine it may get no time."""
+UNSEEN = 5.0
+"""Seconds for which the bench may look at no device: what is shown by its tests needs no quiet machine."""
+
+
 def start_by(warm: WarmStart) -> None:
-    """Let this process start its own by the one that it is forked from."""
+    """Let this process start its own by the one that it is forked from, and have patience."""
+    if watch := sys.modules.get("crtk_drivers.labs.bench.watch"):
+        watch.BLIND = watch.OLDEST = UNSEEN  # type: ignore[attr-defined]
+    if threads := sys.modules.get("crtk_drivers.engine.threads"):
+        threads.STALL_LIMIT = LATE_THREAD  # type: ignore[attr-defined]
     for module, start in (
         ("crtk_sim_backends.process", warm.start),
         ("crtk_drivers.labs.bench.programs", warm.start_program),
+        ("crtk_drivers.kit.child_process", warm.start_child),
     ):
         if module in sys.modules:
             sys.modules[module]._start = start  # type: ignore[attr-defined]
+    if supervisor := sys.modules.get("crtk_drivers.labs.supervisor"):
+        started = supervisor._start
+        supervisor._start = partial(warm.start_command, started)  # type: ignore[attr-defined]
+
+
+def parent_of(parent: int, otherwise: int) -> int:
+    """Return who has asked for this process, and who has forked it when that has ended."""
+    try:
+        os.kill(parent, 0)
+    except ProcessLookupError:
+        return otherwise
+    return parent
 
 
 def run(module: str) -> None:
@@ -325,4 +495,4 @@ def run(module: str) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2:])
+    main(*map(int, sys.argv[1:]))

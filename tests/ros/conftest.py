@@ -9,15 +9,36 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
 import pytest
 
 from crtk_drivers.cli import main
+from crtk_drivers.client import move_handle, survey
+from crtk_drivers.client.teleop import loop as teleoperation
+from crtk_drivers.front import base
 
 if TYPE_CHECKING:
     from rigs.loopback_node import Rig
 
 Run = Callable[..., tuple[int, str, str]]
+
+PATIENCE = 10.0
+"""Seconds that what comes soon, for users, may take on a busy machine."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patient_client() -> Iterator[None]:
+    """Let a client wait longer for what it waits for unless a call says otherwise."""
+    with (
+        patch.object(base, "DEFAULT_WAIT", PATIENCE),
+        patch.object(base, "QUERY_TIMEOUT", PATIENCE),
+        patch.object(move_handle, "ACCEPT_TIMEOUT", PATIENCE),
+        patch.object(survey, "STATUS_TIME", PATIENCE),
+        patch.object(survey, "REPORT_TIME", PATIENCE),
+        patch.object(teleoperation, "STAND_TIMEOUT", PATIENCE),
+    ):
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -137,7 +137,8 @@ def test_only_the_driver_tells(name: str) -> None:
         command for command, row in offered(device).items()
         if row.direction is Direction.PUBLISHED
     ]  # fmt: skip
-    told += ["refusals", "crtk_driver/crtk_capabilities", *(f"state/{r}" for r in device.readings)]
+    told += ["refusals", "crtk_driver/crtk_capabilities"]
+    told += [each.told_as(reading) for reading, each in device.readings.items()]
     for value in told:
         topic = f"/lab/one/{value}"
         assert may(root, "crtk_driver", "publish", topic)

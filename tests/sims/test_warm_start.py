@@ -8,21 +8,26 @@ from unittest.mock import patch
 
 import pytest
 
+from crtk_drivers.kit import child_process
 from crtk_sim_backends import process
 from crtk_sim_backends.can import SIM
 from crtk_sim_backends.process import SimStartError
 from rigs import warm_start
+from rigs.waiting import LONG
 from rigs.warm_start import WarmStart
 
 
-@pytest.fixture(params=["cold", "warm"], autouse=True)
+@pytest.fixture(scope="module", params=["cold", "warm"], autouse=True)
 def start(request: pytest.FixtureRequest) -> Iterator[WarmStart | None]:
     if request.param == "cold":
         request.getfixturevalue("cold_start")
         yield None
         return
-    warm = WarmStart(warm_start.SIMULATORS)
-    with patch.object(process, "_start", warm.start):
+    warm = WarmStart()
+    with (
+        patch.object(process, "_start", warm.start),
+        patch.object(child_process, "_start", warm.start_child),
+    ):
         yield warm
     warm.close()
 
@@ -55,7 +60,7 @@ def test_it_ends_with_whom_it_is_for() -> None:
     sim = SIM.spawn()
     os.close(sim._life)
     sim._life = -1
-    assert sim._process.wait(10.0) == 0
+    assert sim._process.wait(30.0) == 0
 
 
 @pytest.mark.parametrize("start", ["warm"], indirect=True)
@@ -68,6 +73,28 @@ def test_what_nobody_waits_for_any_more_is_no_answer_to_the_next(start: WarmStar
     with SIM.spawn() as sim:
         assert sim.control.status()
         assert sim.stop() == 0
+
+
+CHILD = """
+import os, sys
+from crtk_drivers.kit.child_process import Parent
+
+if __name__ == "__main__":
+    Parent(int(sys.argv[1])).send(f"{os.getppid()} {sys.argv[2]} {os.getsid(0) == os.getpid()}".encode())
+    sys.exit("it has told")
+"""
+
+
+def test_a_process_of_a_driver_has_it_for_a_parent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "telling_child.py").write_text(CHILD)
+    monkeypatch.syspath_prepend(tmp_path)
+    child, peer, errors = child_process.spawn("telling_child", "why", called="it", where="here")
+    with open(errors, "rb") as said, peer:
+        assert child.wait(LONG) == 1
+        assert peer.recv(100).split() == [str(os.getpid()).encode(), b"why", b"True"]
+        assert said.read() == b"it has told\n"
 
 
 TOLD = """

@@ -16,7 +16,7 @@ def pair():
         theirs = socket.create_connection(listener.getsockname())
         ours, _ = listener.accept()
     connection = wire.Connection(ours, limit=1 << 20, send_buffer=4096)
-    theirs.settimeout(5)
+    theirs.settimeout(30)
     yield connection, theirs
     connection.close()
     theirs.close()
@@ -74,7 +74,7 @@ def test_delayed_data_arrives_at_its_time_and_in_order(pair):
     with pytest.raises(BlockingIOError):
         peer.recv(100)
     connection.flush(now=1.0)
-    peer.settimeout(5)
+    peer.settimeout(30)
     assert receive(peer, 11) == b"firstsecond"
 
 
@@ -85,7 +85,7 @@ def test_a_peer_that_does_not_read_loses_packages_but_never_gets_half_of_one(pai
     assert connection.dropped == 5000 - len(sent) > 0
     assert connection.blocked_for(now=7.0) == pytest.approx(7.0)
     data = b""
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 30
     while len(data) < 1000 * len(sent):
         assert time.monotonic() < deadline
         data += peer.recv(65536)
@@ -105,7 +105,7 @@ def test_untaken_replies_end_the_connection_at_the_limit(pair):
 def test_the_end_of_the_peer_is_noticed(pair):
     connection, peer = pair
     peer.close()
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 30
     while not connection.peer_closed:
         assert time.monotonic() < deadline
         connection.read(now=0.0)

@@ -17,6 +17,7 @@ from crtk_drivers.errors import CommandRefused, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
+from rigs.beside import beside
 from rigs.canopen_arm import SOON, arm_of, arm_on, device_of, drives, until
 
 COUNT = 2
@@ -61,20 +62,14 @@ def stamps(bus: can.BusABC, count: int) -> list[float]:
 @contextmanager
 def foreign_sync() -> Iterator[None]:
     """Another program on this computer sends SYNC, as often as the arm does."""
-    over = threading.Event()
 
-    def run() -> None:
+    def run(over: threading.Event) -> None:
         with can.Bus(interface="socketcan", channel="vcan0") as bus:
             while not over.wait(PERIOD):
                 bus.send(can.Message(arbitration_id=SYNC, is_extended_id=False))
 
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
+    with beside(run):
         yield
-    finally:
-        over.set()
-        thread.join()
 
 
 def enables(arm: LocalDevice) -> bool:

@@ -135,6 +135,7 @@ def test_tool_and_jacobian_are_those_of_the_kinematics(model: str) -> None:
 # ------------------------------------------------------------------------------------------ contacts
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize(("stiffness", "damping"), [(500.0, 0.0), (5e3, 50.0), (1e6, 1e4)])
 def test_at_rest_on_a_wall_force_is_stiffness_times_depth(
@@ -290,6 +291,7 @@ def test_a_hand_moves_what_is_free_and_nothing_with_closed_brakes() -> None:
 # -------------------------------------------------------------------------------------------- servos
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("substeps", [2, 10, 20])
 def test_a_stream_of_positions_is_followed_one_interval_late(model: str, substeps: int) -> None:
@@ -316,6 +318,7 @@ def test_a_position_is_reached_exactly(model: str) -> None:
     assert np.abs(plant.velocity).max() < 1e-9
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("jump", [0.05, 0.3, -0.6])
 def test_a_jump_of_all_joints_is_not_passed_by_more_than_a_hundredth(

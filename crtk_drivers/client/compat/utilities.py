@@ -16,7 +16,7 @@ from typing_extensions import override
 
 from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.compat.handles import WaitMoveHandle
-from crtk_drivers.client.goals import goal_test
+from crtk_drivers.client.goals import ToldGoals, arrival_of
 from crtk_drivers.client.inbox import Inbox, Received
 from crtk_drivers.client.ral import Ral
 from crtk_drivers.client.ros_link import Caller, Outbox
@@ -64,6 +64,7 @@ class Utils:
         self._age = expected_interval
         self._state_owner = operating_state_instance
         self._inboxes: dict[str, Inbox] = {}
+        self._told: dict[str, ToldGoals] = {}
         self._kdl = have_kdl()
 
     def __getattr__(self, name: str) -> Callable[[], None]:
@@ -184,13 +185,21 @@ class Utils:
             return WaitMoveHandle(None)
         ready = outbox.accepts(goal)
         value = None if ready else value_for(command, goal, self._ral.namespace())
-        source = "setpoint_js" if command.payload is Payload.JOINT_STATE else "setpoint_cp"
-        setpoint = None if command.is_relative else self._inboxes.get(source)
         stamp = outbox.stamp(goal)
-        move = tracker.follow(name, stamp, goal_test(setpoint, value))
+        kind = "js" if command.payload is Payload.JOINT_STATE else "cp"
+        setpoint = self._inboxes.get(f"setpoint_{kind}")
+        told = self._goals(kind) if command.is_relative else None
+        arrival = arrival_of(command, setpoint, value, told, stamp)
+        move = tracker.follow(name, stamp, arrival)
         self._send(command, outbox, goal if ready else value, stamp=stamp)
-        tracker.replace(name, but=move)
+        tracker.replace(name, move)
         return WaitMoveHandle(move)
+
+    def _goals(self, kind: str) -> ToldGoals | None:
+        inbox = self._inboxes.get(f"goal_{kind}")
+        if inbox is not None and kind not in self._told:
+            self._told[kind] = ToldGoals(inbox)
+        return self._told.get(kind)
 
     def _query(self, name: str, caller: Caller) -> Callable[..., Any]:
         def forward(jp: Any, extra: Any = None) -> Any:

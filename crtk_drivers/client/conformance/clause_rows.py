@@ -402,7 +402,8 @@ ROWS: Final[Mapping[str, tuple[Row, ...]]] = {
          "the parent is DISABLED: `servo_jp`, `move_jp` of `jaw` or `gripper` move nothing"),
         ("CLI-1", MUST, MOTION, "PC",
          "the official client's `enable`, `home`, `move_jp().wait()`, `measured_*` work",
-         "its sources run against the device, if installed"),
+         "that client in a process of its own, if it is installed; else this project's layer with "
+         "its calls, which is told and leaves it open"),
         ("CLI-2", SHOULD, PASSIVE, "PC",
          "kinematics services answer within 1 s",
          "all calls that were made"),

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from crtk_drivers.client.conformance.findings import (
     Finding,
@@ -229,14 +229,20 @@ def one_publisher(seen: Observation) -> Finding:
     return conforms(f"{len(count)} names") if count else not_offered("nothing is published")
 
 
+def _listed_in(manifest: Mapping[str, Any], key: str) -> list[str]:
+    listed = manifest.get(key)
+    return [each for each in listed if isinstance(each, str)] if isinstance(listed, list) else []
+
+
 def manifest_agrees(seen: Observation) -> Finding:
     """MAN-1."""
     told = seen.manifest.get("commands")
     if not isinstance(told, Mapping):
         return not_offered("no manifest")
     offered = set(seen.graph.offered())
-    # A part with a state of its own is a device of its own, with a manifest of its own.
+    # A part with a state of its own, or one that follows as the manifest says, has a manifest of its own.
     parts = {name.rpartition("/")[0] for name in offered if name.endswith("/operating_state")}
+    parts.update(each for each in _listed_in(seen.manifest, "followers") if each)
     offered = {name for name in offered if name.rpartition("/")[0] not in parts}
     claimed = {
         name

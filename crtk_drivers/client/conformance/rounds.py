@@ -13,17 +13,12 @@ from crtk_drivers.client.conformance.findings import Finding, Judged, judged, un
 from crtk_drivers.client.conformance.graph_judges import GRAPH_JUDGES
 from crtk_drivers.client.conformance.observed import Observation
 from crtk_drivers.client.conformance.state_judges import STATE_JUDGES
-from crtk_drivers.client.conformance.trials import TRIED
 
 JUDGES: Final[Mapping[str, Callable[[Observation], Finding]]] = MappingProxyType(
     {**GRAPH_JUDGES, **DATA_JUDGES, **STATE_JUDGES}
 )
 """Of what is seen of a device that nobody moves."""
 
-TESTED: Final = TRIED | frozenset(JUDGES)
-"""The clauses that this tool can judge."""
-
-NOT_TESTED: Final = "not yet tested by this tool"
 BY_HAND: Final = "needs somebody at the device, and --may-move --by-hand"
 NOT_PERMITTED: Final = "needs --may-move"
 
@@ -53,8 +48,6 @@ def judge(
 
 
 def _unjudged(clause: str, why_not: str) -> Finding:
-    if clause not in TESTED:
-        return undetermined(NOT_TESTED)
     if CLAUSES[clause].needs is Needs.OPERATOR and why_not in ("", NOT_PERMITTED):
         return undetermined(BY_HAND)
     if why_not == NOT_PERMITTED:

@@ -116,20 +116,60 @@ class Leave:
 NO_LEAVE: Final = Leave()
 
 
+@dataclass(frozen=True)
+class Opening:
+    """What a client is to do with a device: enable, home, read, move to a goal, and back.
+
+    Attributes:
+        goal, begin: joint positions (n,).
+        timeout: s that it gives each.
+        home_time: s that it gives to home.
+        arrival: rad or m within which a goal is reached.
+    """
+
+    goal: tuple[float, ...]
+    begin: tuple[float, ...]
+    timeout: float
+    home_time: float
+    arrival: float
+
+
+@dataclass(frozen=True)
+class Told:
+    """How that went.
+
+    Attributes:
+        is_official: it was the official client.
+        done: what worked, in its order.
+        failed: what did not, in words; empty if all did.
+    """
+
+    is_official: bool
+    done: tuple[str, ...]
+    failed: str
+
+
 class Trial:
     """A probe, what is expected, and what was found.
 
     Attributes:
         leave: what may be done with it beside small motions.
         needs_homing: as its manifest says; None: it says nothing.
+        client: does an `Opening` with the official client, or what stands in for it; None: nothing does.
         found: findings by clause.
     """
 
     def __init__(
-        self, probe: Probe, expected: Expectations, rest: Observation, leave: Leave = NO_LEAVE
+        self,
+        probe: Probe,
+        expected: Expectations,
+        rest: Observation,
+        leave: Leave = NO_LEAVE,
+        client: Callable[[Opening], Told] | None = None,
     ) -> None:
         self.probe = probe
         self.leave = leave
+        self.client = client
         self.needs_homing = rest.manifest.get("homing")
         self.expected = expected
         self.topics: Mapping[str, Command] = rest.graph.offered()

@@ -8,6 +8,7 @@ from typing import Final
 
 from crtk_drivers.client.conformance import (
     change_trials,
+    client_trials,
     hand_trials,
     move_trials,
     state_trials,
@@ -76,6 +77,7 @@ STEPS: Final = (
     Step(change_trials.two_clients, ("MOV-25",)),
     Step(change_trials.slower_moves, ("MOV-24",)),
     Step(change_trials.efforts, ("SPT-4",)),
+    Step(client_trials.opening, ("CLI-1",)),
     Step(state_trials.homing, ("HOM-2",)),
     Step(hand_trials.pushed_in_disabled, ("MOV-3",), is_motion=False),
     Step(hand_trials.pushed_in_free, ("MOV-23", "MOV-3"), is_motion=False),
@@ -102,6 +104,10 @@ def chosen_steps(ids: Collection[str]) -> tuple[Step, ...]:
     return tuple(
         step for step in STEPS if "STA-10" in ids or any(clause in ids for clause in step.clauses)
     )
+
+
+UNHEARD: Final = 0.3
+"""Seconds in which an enable is heard of that was sent just before the trials were interrupted."""
 
 
 def run_trials(
@@ -180,7 +186,9 @@ def leave_as_found(trial: Trial, state: str) -> None:
     if trial.word() in ("", "FAULT"):
         return
     if state in ("DISABLED", "FAULT"):
-        trial.reach("disable", "DISABLED")
+        trial.probe.send("state_command", text="disable")
+        trial.settle(UNHEARD)
+        trial.probe.wait(lambda: trial.word() == "DISABLED", trial.expected.transition_time)
         return
     try:
         trial.enable()

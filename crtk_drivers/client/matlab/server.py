@@ -8,7 +8,8 @@ Requests come on standard input, answers go to standard output: JSON, one a line
     {"pending": 7}                                       not yet: {"do": "poll", "pending": 7}, until it is
 
 So MATLAB never waits longer than `PATIENCE` in one call, and Ctrl-C works there. What was interrupted is not
-asked for again, and the next request begins while it still waits. At the end of the input it leaves ROS.
+asked for again, and the next request, of a timer too, begins while it still waits: each has its own answer.
+At the end of the input it leaves ROS.
 """
 
 from __future__ import annotations
@@ -24,12 +25,14 @@ from typing import Any
 from typing_extensions import override
 
 from crtk_drivers.client.matlab.objects import Session, described
-from crtk_drivers.errors import CrtkError
+from crtk_drivers.errors import ConfigError, CrtkError
 
 logger = logging.getLogger(__name__)
 
 PATIENCE = 0.1
 """Seconds after which an answer is put off."""
+KEPT = 100
+"""Answers that are kept for whoever may still ask."""
 
 
 class _Job(threading.Thread):
@@ -54,21 +57,33 @@ class Server:
 
     def __init__(self) -> None:
         self._session = Session()
-        self._job: _Job | None = None
+        self._jobs: dict[int, _Job] = {}
         self._number = 0
 
     def answer(self, line: str) -> str:
         """Return the answer to a request."""
         request = json.loads(line)
-        if request["do"] != "poll":
-            self._number += 1
-            self._job = _Job(self._session, request)
-            self._job.start()
-        assert self._job is not None
-        self._job.join(PATIENCE)
-        if self._job.is_alive():
-            return json.dumps({"pending": self._number})
-        return json.dumps(self._job.answer)
+        if request["do"] == "poll":
+            number = request["pending"]
+        else:
+            number = self._number = self._number + 1
+            self._forget()
+            self._jobs[number] = _Job(self._session, request)
+            self._jobs[number].start()
+        job = self._jobs.get(number)
+        if job is None:
+            return json.dumps({"error": described(ConfigError(f"no request {number} is pending"))})
+        job.join(PATIENCE)
+        if job.is_alive():
+            return json.dumps({"pending": number})
+        del self._jobs[number]
+        return json.dumps(job.answer)
+
+    def _forget(self) -> None:
+        """Forget the oldest of those that have ended, and that nobody asks about: they were interrupted."""
+        over = [number for number, job in self._jobs.items() if not job.is_alive()]
+        for number in over[: max(0, len(self._jobs) - KEPT + 1)]:
+            del self._jobs[number]
 
     def close(self) -> None:
         """Leave ROS."""

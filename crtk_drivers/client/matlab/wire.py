@@ -27,6 +27,7 @@ from crtk_drivers.samples import (
     Matrix,
     Number,
     Pose,
+    Poses,
     Twist,
     Value,
     Vector,
@@ -38,7 +39,7 @@ Encoded = Mapping[str, Any]
 
 
 def encoded(array: Array) -> dict[str, Any]:
-    """Return an array of at most two dimensions; one of one dimension is a column."""
+    """Return an array by its columns, as MATLAB keeps it; one of one dimension is a column."""
     array = np.asarray(array, dtype=np.float64)
     if array.ndim < 2:
         array = array.reshape(-1, 1)
@@ -72,6 +73,9 @@ def parts_of(value: Any) -> list[Array]:
             return [value.position, value.velocity, value.effort]
         case Pose():
             return [to_matrix(value)]
+        case Poses():
+            matrices = [to_matrix(pose) for pose in value.poses]
+            return [np.stack(matrices, axis=2) if matrices else np.empty((4, 4, 0))]
         case Twist() | Wrench():
             return [value.vector.reshape(1, 6)]
         case Matrix():

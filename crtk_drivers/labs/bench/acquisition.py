@@ -23,6 +23,7 @@ from crtk_drivers.labs.carried import UNKNOWN, Carried
 from crtk_drivers.labs.lab_file import BoundEntry
 from crtk_drivers.labs.verdicts.estimates import Estimate, within
 from crtk_drivers.labs.verdicts.judging import Bound, Findings, Measurement, Plot, Quantity, Verdict
+from crtk_drivers.plugins import SimFault
 from crtk_drivers.samples import Array, Vector
 
 BUSY: Final = 5e-3
@@ -85,9 +86,15 @@ class Acquisition:
         suite: the smallest suite that it belongs to.
         carrier_needs: CRTK names that the device must offer that carries this one. That one is moved, watched
             and recorded as well, and this one only read; empty: it is about one device.
+        is_marked: that one carries a marker of this one, which is a tracker.
         loads: the simulator is loaded by what `DevicePlugin.sim_load` does.
         relayed: its fault is of the link to the device, which hardware can be given as well.
         by_operator: its fault is one that an operator causes where the device is hardware.
+        features: of the lab file that it cannot do without.
+        without: features of the lab file that a real device must not have for it.
+        sim_fault: what it lets happen to a simulated device.
+        carrier_fault: what it lets happen to a simulated device that carries it.
+        homes: it lets the device home, which goes wherever it must.
     """
 
     name: str
@@ -97,9 +104,15 @@ class Acquisition:
     needs: tuple[str, ...] = ()
     suite: Suite = Suite.QUICK
     carrier_needs: tuple[str, ...] = ()
+    is_marked: bool = False
     loads: bool = False
     relayed: bool = False
     by_operator: bool = False
+    features: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    sim_fault: SimFault | None = None
+    carrier_fault: SimFault | None = None
+    homes: bool = False
 
 
 @dataclass(frozen=True)
@@ -119,6 +132,7 @@ class Subject:
         stale_after: seconds after which a sample is no longer valid.
         link_timeout: seconds that the hardware declares to go on by itself.
         carried: how it sits on the device that carries it, and its tool.
+        markers: names of its tools that are fixed to the device that is moved.
         bounds: of the lab file, by the id of a quantity.
         waited: share of the time in which some program of this machine waited for a processor.
     """
@@ -135,6 +149,7 @@ class Subject:
     lateness: tuple[float, ...] = ()
     kept: Mapping[str, Any] = field(default_factory=dict)
     carried: Carried = UNKNOWN
+    markers: tuple[str, ...] = ()
     bounds: Mapping[str, BoundEntry] = field(default_factory=dict)
     waited: float = 0.0
 
@@ -146,6 +161,7 @@ class Subject:
         bounds: Mapping[str, BoundEntry],
         kept: Mapping[str, Any] = MappingProxyType({}),
         carried: Carried = UNKNOWN,
+        markers: tuple[str, ...] = (),
     ) -> Subject:
         """Return what counts of a device."""
         own = about.capabilities
@@ -162,6 +178,7 @@ class Subject:
             lateness=lateness,
             kept=dict(kept),
             carried=carried,
+            markers=markers,
             bounds=bounds,
         )
 
@@ -181,6 +198,7 @@ class Subject:
         values["limits"] = tuple(JointLimits(**limit) for limit in values["limits"])
         values["lateness"] = tuple(values["lateness"])
         values["carried"] = Carried(**values.get("carried", {}))
+        values["markers"] = tuple(values.get("markers", ()))
         return cls(**values, bounds=bounds)
 
     @property
@@ -291,6 +309,7 @@ class BenchTest:
         needs: CRTK names without which it cannot be judged.
         guards: a FAIL of it ends all motion of the device.
         of_kept: it judges what the acquisition kept, whatever became of that afterwards.
+        features: of the lab file without which it cannot be judged.
     """
 
     id: str
@@ -302,3 +321,4 @@ class BenchTest:
     needs: tuple[str, ...] = ()
     guards: bool = False
     of_kept: bool = False
+    features: tuple[str, ...] = ()

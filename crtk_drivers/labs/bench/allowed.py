@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Suite
 from crtk_drivers.labs.bench.calls import About
 from crtk_drivers.labs.lab_file import LabDevice
+from crtk_drivers.plugins import SimFault
 
 FASTEST_TRAVEL: Final = 0.5
 """Share of its speed at which a real device may go through its space."""
@@ -21,6 +23,13 @@ FAULTS: Final = "CRTK_BENCH_FAULTS"
 
 GUARDS: Final = ("M1", "S8", "S1")
 """Tests that a real device passes before it goes through its space, or a fault is caused."""
+
+FEATURES: Final = {
+    "block": "the width in m of a block that lies between its fingers",
+    "grip": "the force in N with which a gripper is to grip, as it is configured",
+    "bar": "the way in m between two of its tools, which are fixed to each other",
+}
+"""What stands beside a device for some tests, by the name in the lab file."""
 
 BESIDE_A_FAULT: Final = {Safety.FAULT: Safety.ENABLE, Safety.FAULT_IN_MOTION: Safety.SMALL}
 """What an acquisition does beside the fault that it is about."""
@@ -70,7 +79,7 @@ def lacking(
     *,
     carrier: Carrier | None = None,
     faults: bool = False,
-    operator: bool = False,
+    features: Mapping[str, bool | float | str] = MappingProxyType({}),
 ) -> str:
     """Return why a test is skipped, in words; empty if it is not.
 
@@ -81,7 +90,7 @@ def lacking(
         options: of the run.
         carrier: the device that carries it, if that is in the run.
         faults: the lab file allows faults of hardware.
-        operator: somebody stands beside the devices, and does what the bench asks for.
+        features: what else stands in the lab, as the lab file says.
     """
     acquisition = test.acquisition
     offered = (*about.commands, *about.services)
@@ -92,14 +101,23 @@ def lacking(
         return "the device measures nothing itself"
     if acquisition.loads and device.sim and device.plugin.sim_load is None:
         return "its simulator feels no load"
+    if why := _not_set_up(test, device, features):
+        return why
+    if acquisition.homes and (why := _not_homed(about, device, features)):
+        return why
     if acquisition.relayed:
         beside = BESIDE_A_FAULT[acquisition.safety]
         return _not_cut(device, faults) or not_allowed(beside, about, device, options)
     if acquisition.by_operator:
         beside = BESIDE_A_FAULT[acquisition.safety]
-        return _not_operated(device, operator) or not_allowed(beside, about, device, options)
+        return _not_operated(device, features) or not_allowed(beside, about, device, options)
     if acquisition.carrier_needs:
-        return _not_faulted(acquisition, device) or _not_carried(acquisition, carrier, options)
+        return (
+            _not_faulted(acquisition, device)
+            or _not_marked(acquisition, device, carrier)
+            or _not_gripped(acquisition, device, carrier)
+            or _not_carried(acquisition, carrier, options)
+        )
     return not_allowed(acquisition.safety, about, device, options)
 
 
@@ -123,6 +141,43 @@ def unguarded(test: BenchTest, moved: LabDevice, ids: Collection[str]) -> str:
 def _not_faulted(acquisition: Acquisition, device: LabDevice) -> str:
     is_fault = acquisition.safety >= Safety.FAULT
     return "is done to simulators only" if is_fault and not device.sim else ""
+
+
+def _not_marked(acquisition: Acquisition, device: LabDevice, carrier: Carrier | None) -> str:
+    """Return why no marker of a tracker is moved, in words; empty if one is."""
+    if not acquisition.is_marked:
+        return ""
+    if carrier is None or not device.entry.markers_on(carrier.lab.name):
+        return "needs a device that carries one of its tools (`markers`) in the same run"
+    if (device.simulated or carrier.lab.simulated) and device.coupled is None:
+        return (
+            "its simulator does not see the marker on the arm: both are to be simulated, and the lab file "
+            "says where it `stands`"
+        )
+    return ""
+
+
+def _not_gripped(acquisition: Acquisition, device: LabDevice, carrier: Carrier | None) -> str:
+    """Return why nothing happens to a simulated device that carries another one; empty if it does."""
+    fault = acquisition.carrier_fault
+    if fault is None or carrier is None:
+        return ""
+    if device.simulated is not carrier.lab.simulated:
+        return f"{carrier.lab.name} and it are to be simulated both, or neither"
+    if carrier.lab.sim and fault not in carrier.lab.plugin.sim_faults:
+        return f"the simulator of {carrier.lab.name} cannot do that {fault}"
+    return ""
+
+
+def _not_homed(about: About, device: LabDevice, features: Mapping[str, bool | float | str]) -> str:
+    """Return why a device is not let home again, in words; empty if it is."""
+    if not about.capabilities.needs_homing:
+        return "its positions count without homing"
+    if device.simulated or features.get("homing") is True:
+        return ""
+    return (
+        "needs `features = { homing = true }` in the lab file: it homes, wherever it goes for that"
+    )
 
 
 def _not_carried(acquisition: Acquisition, carrier: Carrier | None, options: BenchOptions) -> str:
@@ -160,11 +215,31 @@ def _not_cut(device: LabDevice, faults: bool) -> str:
     return ""
 
 
-def _not_operated(device: LabDevice, operator: bool) -> str:
+def _not_set_up(
+    test: BenchTest, device: LabDevice, features: Mapping[str, bool | float | str]
+) -> str:
+    """Return what stands there, or does not, so that a test is not carried out; empty if all is well."""
+    acquisition = test.acquisition
+    for name in (*acquisition.features, *test.features):
+        given = features.get(name)
+        if isinstance(given, bool) or not isinstance(given, int | float) or not given > 0.0:
+            return f"needs `features = {{ {name} = ... }}` in the lab file: {FEATURES[name]}"
+    there = [name for name in acquisition.without if name in features]
+    if there and not device.simulated:
+        return f"the lab file has the feature {there[0]}: {FEATURES[there[0]]}"
+    fault = acquisition.sim_fault
+    if fault is not None and device.sim and fault not in device.plugin.sim_faults:
+        return f"its simulator cannot do that {fault}"
+    return ""
+
+
+def _not_operated(device: LabDevice, features: Mapping[str, bool | float | str]) -> str:
     """Return why nobody presses the emergency stop of a device, in words; empty if somebody does."""
-    if device.plugin.is_model or (device.sim and not device.plugin.sim_emergency_stop):
+    if device.plugin.is_model or (
+        device.sim and SimFault.EMERGENCY_STOP not in device.plugin.sim_faults
+    ):
         return f"{'it' if device.plugin.is_model else 'its simulator'} has no emergency stop"
-    if device.sim or operator:
+    if device.sim or features.get("operator") is True:
         return ""
     return "needs `features = { operator = true }` in the lab file: somebody presses its emergency stop"
 

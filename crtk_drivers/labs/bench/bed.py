@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -20,6 +19,7 @@ import numpy as np
 from crtk_drivers.config import BoxConfig
 from crtk_drivers.device import Note
 from crtk_drivers.errors import CrtkError
+from crtk_drivers.labs.bench import programs
 from crtk_drivers.labs.bench.calls import About, Glance
 from crtk_drivers.labs.bench.door import Door, Refused
 from crtk_drivers.labs.bench.operator import (
@@ -32,6 +32,7 @@ from crtk_drivers.labs.bench.operator import (
 )
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.watch import Watch
+from crtk_drivers.plugins import SimFault
 from crtk_drivers.samples import JointState, Number, Pose, Value, Vector, Wrench, vector
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
@@ -55,6 +56,9 @@ PLACES: Final = 20
 """At which it is looked whether a way is free, before it is gone."""
 
 LOOK_PERIOD: Final = 0.02
+
+LONGEST_STEP: Final = 0.05
+"""Seconds that the time of a stream goes on at most from one command to the next."""
 
 
 class Tripped(CrtkError):
@@ -93,8 +97,17 @@ class Processes(Protocol):
     def inject(self, fault: str, **parameters: Any) -> None:
         """Begin a fault of the simulator."""
 
+    def begin(self, fault: SimFault, **parameters: Any) -> None:
+        """Let something happen to the simulated device, until `end`."""
+
+    def end(self, fault: SimFault) -> None:
+        """Let it end."""
+
     def load(self, wrench: Wrench) -> None:
         """Let a wrench act on the simulated sensor, in its frame, until the next one."""
+
+    def pressing(self) -> float:
+        """Return the N with which the fingers of the simulated gripper press on what they hold."""
 
     def put_relay(self) -> tuple[Door, Door, RelayProcess]:
         """Start the driver anew, at a relay to its device; return two connections, and the relay."""
@@ -108,12 +121,19 @@ def _is_in(point: Vector, box: BoxConfig) -> bool:
 
 
 def paced(rate: float, seconds: float) -> Iterator[float]:
-    """Yield the seconds since the begin, `rate` times a second; what is late is not made up for."""
-    begin = due = time.monotonic()
-    while (now := time.monotonic()) < begin + seconds:
-        yield now - begin
+    """Yield the seconds of a motion since its begin, `rate` times a second; what is late is not made up for.
+
+    After a pause it goes on from where it was, at most `LONGEST_STEP` further: the arm does not leap.
+    """
+    at, before = 0.0, time.monotonic()
+    due = before
+    while at < seconds:
+        yield at
         due = max(due + 1.0 / rate, time.monotonic())
         time.sleep(max(0.0, due - time.monotonic()))
+        now = time.monotonic()
+        at += min(now - before, max(LONGEST_STEP, 1.0 / rate))
+        before = now
 
 
 class Bed:
@@ -128,6 +148,7 @@ class Bed:
         processes: of the device; None where they may not be touched.
         carrier: the device that carries it, where the acquisition is about both.
         operator: who presses its emergency stop; None if nobody does.
+        features: what else stands in the lab, as the lab file says.
 
     Attributes:
         kept: what was written down by `keep`.
@@ -143,7 +164,9 @@ class Bed:
         processes: Processes | None = None,
         carrier: Bed | None = None,
         operator: Operator | None = None,
+        features: Mapping[str, bool | float | str] = MappingProxyType({}),
     ) -> None:
+        self.features = features
         self.name = name
         self.about = about
         self.thorough = thorough
@@ -234,8 +257,18 @@ class Bed:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What the device tells of itself in words."""
+        return self._health.notes
+
+    @property
+    def _health(self) -> Health:
         health: Health = self._door.call("health")
-        return health.notes
+        return health
+
+    @property
+    def readings(self) -> Mapping[str, str]:
+        """What the device tells of itself, by name; not what it does not know."""
+        found: Mapping[str, str] = self._door.call("readings")
+        return found
 
     def offers(self, *names: str) -> bool:
         """Whether the device has all of these CRTK names."""
@@ -270,6 +303,16 @@ class Bed:
         """
         self._command_to("disable", OperatingState.DISABLED)
 
+    def home_again(self) -> None:
+        """Let it forget its zero, and find it anew. It goes as it likes, and nothing is watched meanwhile.
+
+        Raises:
+            Broken: it did not.
+        """
+        with self._watch.during("homing"):
+            for text in ("unhome", "home"):
+                self._command_to(text, OperatingState.ENABLED)
+
     def service(self, name: str) -> str:
         """Ask for a service of the device's own, and return the answer."""
         self.check()
@@ -294,6 +337,7 @@ class Bed:
             float(d / limit.velocity + 2.0 * math.sqrt(d / limit.acceleration))
             for d, limit in zip(away, limits, strict=True)
         )
+        refused = self._refused_moves
         self.submit("move_jp", JointState(position=goal))
         if not self.wait_until(lambda glance: not glance.status.is_busy, longest):
             raise Broken(f"a move did not end within {longest:.1f} s")
@@ -301,6 +345,14 @@ class Bed:
             raise Broken(
                 f"a move ended in {self.glance().status.state}: {self.glance().status.cause}"
             )
+
+        if self._refused_moves != refused:  # the device itself may, once it is told
+            raise Broken(f"a move was refused: {self._health.last_refusal}")
+
+    @property
+    def _refused_moves(self) -> int:
+        refusals = self._health.refusals.items()
+        return sum(count for told, count in refusals if told.startswith("move_jp:"))
 
     @contextmanager
     def slowed(self, ratio: float) -> Iterator[None]:
@@ -421,12 +473,9 @@ class Bed:
     def frozen(self, which: Process) -> Iterator[None]:
         """Within, a process gets no time: the simulator, as a device that falls silent, or the driver."""
         pid = self._own_processes.pid(which)
-        with self._watch.paused() if which is Process.DRIVER else nullcontext():
-            os.kill(pid, signal.SIGSTOP)
-            try:
-                yield
-            finally:
-                os.kill(pid, signal.SIGCONT)
+        watch = self._watch.paused() if which is Process.DRIVER else nullcontext()
+        with watch, programs.frozen(pid):
+            yield
 
     @contextmanager
     def client(self, command: str, home: Vector, speed: Vector) -> Iterator[None]:
@@ -470,9 +519,29 @@ class Bed:
         """
         self._own_processes.inject(fault, **parameters)
 
+    @contextmanager
+    def happening(self, fault: SimFault, **parameters: Any) -> Iterator[None]:
+        """Within, something happens to the device if it is simulated. What is real has it already.
+
+        Raises:
+            Broken: its simulator does not do that.
+        """
+        if self._processes is None:
+            yield
+            return
+        self._processes.begin(fault, **parameters)
+        try:
+            yield
+        finally:
+            self._processes.end(fault)
+
     def load(self, wrench: Wrench) -> None:
         """Let a wrench act on the simulated sensor, in its frame, until the next one."""
         self._own_processes.load(wrench)
+
+    def pressing(self) -> float | None:
+        """Return the N with which simulated fingers press on what they hold; None of real ones."""
+        return None if self._processes is None else self._processes.pressing()
 
     def kill_driver(self) -> None:
         """End the driver as by a power cut of its computer."""

@@ -14,6 +14,9 @@ from crtk_drivers.state import Status
 EFFORT: Final = "measured_js.effort"
 """Stands beside CRTK names for a ``measured_js`` that has efforts."""
 
+TOOLS: Final = "*/measured_cp"
+"""The same for devices behind it that tell where they are, as the tools of a tracker."""
+
 
 @dataclass(frozen=True)
 class Failed:
@@ -71,7 +74,8 @@ class About:
     Attributes:
         name: of the device, with its address.
         capabilities: with the limits that hold in this run.
-        commands: CRTK names that it offers, and `EFFORT` if it measures efforts.
+        commands: CRTK names that it offers, its own readings (``state/holds``), `EFFORT` if it measures
+            efforts, and `TOOLS` if it has some.
         silence: seconds without a command after which a servo stream has ended.
         sample_timeout: seconds without a sample after which the link counts as lost.
         stale_after: seconds after which a sample is no longer valid.

@@ -11,10 +11,13 @@ from crtk_drivers.labs.bench import (
     efforts,
     endurance,
     forces,
+    grips,
+    homings,
     limits,
     lines,
     links,
     losses,
+    marked,
     motions,
     operated,
     ranges,
@@ -23,6 +26,7 @@ from crtk_drivers.labs.bench import (
     staying,
     stops,
     together,
+    tracking,
     weighing,
 )
 from crtk_drivers.labs.bench.acquisition import BenchTest, Suite
@@ -34,7 +38,21 @@ TESTS: Final[tuple[BenchTest, ...]] = tuple(
             test
             for part in (
                 *(sampling, staying, stops, motions, efforts, reaction, endurance),
-                *(ranges, lines, weighing, together, limits, forces, losses, links, operated),
+                *(
+                    ranges,
+                    homings,
+                    lines,
+                    grips,
+                    tracking,
+                    marked,
+                    weighing,
+                    together,
+                    limits,
+                    forces,
+                    losses,
+                    links,
+                ),
+                *(operated,),
             )
             for test in part.TESTS
         ),

@@ -9,7 +9,7 @@ from typing import Any
 
 from crtk_drivers.config import SpaceConfig
 from crtk_drivers.labs.bench.calls import About
-from crtk_drivers.labs.carried import UNKNOWN, Carried
+from crtk_drivers.labs.lab_file import CarriedEntry
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,8 @@ class DeviceOrder:
         name: in the lab.
         plugin, values, sim, sim_options: as in the lab file.
         space: for the run; None: as the device's own limits say.
-        on: name of the device that carries it, if that is in this run.
-        carried: how it sits on that, and its tool.
-        feels: its simulator feels its tool.
+        on: name of the device that carries it or its markers, if that is in this run.
+        coupled: what of that its simulator follows; None if nothing.
     """
 
     name: str
@@ -32,8 +31,7 @@ class DeviceOrder:
     sim_options: Mapping[str, Any]
     space: SpaceConfig | None
     on: str = ""
-    carried: Carried = UNKNOWN
-    feels: bool = False
+    coupled: CarriedEntry | None = None
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class RunOrder:
     Attributes:
         devices: in their order.
         folder: for recordings and logs.
-        thorough: see `Bed`.
+        thorough, features: see `Bed`.
         locks: files of `locks.alone`, which everything holds that moves a device.
     """
 
@@ -51,6 +49,7 @@ class RunOrder:
     folder: Path
     thorough: float
     locks: tuple[int, ...]
+    features: Mapping[str, bool | float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -43,13 +43,13 @@ from crtk_drivers.labs.bench.conducting import (
     Reached,
     RunOrder,
 )
-from crtk_drivers.labs.bench.door import Door, DoorClosed
+from crtk_drivers.labs.bench.door import Door
 from crtk_drivers.labs.bench.operator import Operator, Person
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.taping import carrier_recording
-from crtk_drivers.labs.bench.watch import HOLD_TIME, Watch
-from crtk_drivers.labs.carried import Coupling
-from crtk_drivers.plugins import RunningSim
+from crtk_drivers.labs.bench.watch import Watch, let_go
+from crtk_drivers.labs.sim_coupling import Coupling, Told, followed
+from crtk_drivers.plugins import RunningSim, SimFault
 from crtk_drivers.samples import Pose, Vector, Wrench
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
@@ -117,7 +117,10 @@ class _Conductor:
 
     def _hosted(self, device: DeviceOrder, doors: Path) -> _Hosted:
         def lost() -> None:
-            self._tell(Lost(device.name))
+            with contextlib.suppress(
+                OSError
+            ):  # who started this is gone: the rest is held all the same
+                self._tell(Lost(device.name))
 
         return _Hosted(device, doors, self._order.folder, self._order.locks, lost)
 
@@ -168,8 +171,8 @@ class _Conductor:
                 watches.append(watch)
                 carrier = None
                 if other is not None:
-                    if host.order.feels:
-                        stack.enter_context(host.coupled(stack.enter_context(other.connected())))
+                    for coupling in host.couplings(stack.enter_context(other.connected())):
+                        stack.enter_context(coupling)
                     beside = carrier_recording(path)
                     watches.append(stack.enter_context(self._recorded(other, beside, moves)))
                     watch.join(watches[-1])
@@ -217,12 +220,14 @@ class _Conductor:
             watch.start(moves)
             try:
                 yield watch
-            except BaseException:
+            except BaseException as error:
                 if moves:
                     host.settle()
                 watch.close()
                 with contextlib.suppress(CrtkError):  # what ended it is told
                     host.stop_recording()
+                with contextlib.suppress(CrtkError):
+                    host.dump(str(error), path)
                 raise
             watch.close()
             host.stop_recording()
@@ -244,6 +249,7 @@ class _Conductor:
             host if processes else None,
             carrier,
             operator,
+            self._order.features,
         )
 
     def _ask(self, message: object) -> Any:
@@ -269,7 +275,7 @@ class _Hosted:
         self.is_touched = False
         """More was done to it than to read: it is left disabled."""
         self.is_lost = False
-        """It did not answer when it was to be held: nobody knows whether it stands."""
+        """It did not answer when it was to be held, or kept its power: nobody knows whether it stands."""
         self.carrier: _Hosted | None = None
         """The device that carries it, once that was needed."""
         self._order = order
@@ -299,6 +305,10 @@ class _Hosted:
         if self._door is not None and self.is_touched:
             self.settle()
         self._leave_driver()
+        if self._process is not None and self._process.returncode != 0:
+            code = self._process.returncode
+            logger.error("%s: its driver ended with exit code %d", self._order.name, code)
+            self.lose()
         if self._relay is not None:
             self._relay.close()
         if self._sim is not None:
@@ -352,41 +362,43 @@ class _Hosted:
         """Return another connection."""
         return Door(self._path, self._key, START_TIMEOUT)
 
-    def coupled(self, watching: Door) -> Coupling:
-        """Return what lets its simulator feel its tool, as that device turns to which a connection leads."""
-        sim, load = self._simulator, plugins.device(self._order.plugin).sim_load
-        assert load is not None
+    def couplings(self, watching: Door) -> Iterator[Coupling]:
+        """Yield what lets its simulator follow the device to which a connection leads."""
+        entry, plugin = self._order.coupled, plugins.device(self._order.plugin)
+        if entry is None:
+            return
 
-        def look() -> Pose | None:
+        def look() -> Told | None:
             glance: Glance = watching.call("glance")
             pose, stamp = glance.values.get("measured_cp", (None, None))
-            return pose if isinstance(pose, Pose) and stamp is not None and stamp.wall_ns else None
+            if not isinstance(pose, Pose) or stamp is None or not stamp.wall_ns:
+                return None
+            return pose, stamp.wall_ns
 
-        return Coupling(sim, load, self._order.carried, look, self._order.name)
+        assert self._host is not None
+        for each in followed(plugin, self._host.config, self._simulator, entry, self._order.name):
+            yield Coupling(self._simulator, each, look)
 
     def stop_recording(self) -> None:
         """End the recording that is under way."""
         self.door.call("stop_recording", within=10.0)
 
+    def dump(self, reason: str, path: Path) -> None:
+        """Write its last seconds, commands and refusals among them, beside a recording."""
+        beside = path.with_suffix(".black_box.mcap")
+        self.door.call("dump", reason, str(beside), within=10.0)
+
     def settle(self) -> None:
         """Hold it, and disable it once it stands, however it is; not what does not answer any more."""
-        for step, arguments, within in (
-            ("hold", (), 0.0),
-            ("state_command", ("disable", 10.0), 10.0),
-        ):
-            if self.is_lost:
-                return
-            try:
-                self.door.call(step, *arguments, within=within)
-                time.sleep(HOLD_TIME if step == "hold" else 0.0)
-            except DoorClosed as error:
-                logger.error("%s: cannot be held: %s", self._order.name, error)
-                self.lose()
-            except CrtkError as error:
-                logger.info("%s: %s: %s", self._order.name, step, error)
+        if self.is_lost:
+            return
+        about = self._about
+        timeout = LEAVE_TIMEOUT if about is None else about.capabilities.transition_timeout
+        if not let_go(self.door, self._order.name, timeout):
+            self.lose()
 
     def lose(self) -> None:
-        """Tell that it did not answer as it was to be held or left, if more was done to it than to read."""
+        """Tell that it could not be held or left, if more was done to it than to read."""
         if self.is_touched and not self.is_lost:
             self.is_lost = True
             self._lost()
@@ -435,11 +447,19 @@ class _Hosted:
 
     def press_stop(self) -> None:
         """Press the emergency stop of the simulator."""
-        self.inject(plugins.device(self._order.plugin).sim_emergency_stop)
+        self.begin(SimFault.EMERGENCY_STOP)
 
     def release_stop(self) -> None:
         """Pull it out again."""
-        self._simulator.control.clear(plugins.device(self._order.plugin).sim_emergency_stop)
+        self.end(SimFault.EMERGENCY_STOP)
+
+    def begin(self, fault: SimFault, **parameters: Any) -> None:
+        """Let something happen to the simulated device, until `end`."""
+        self.inject(plugins.device(self._order.plugin).sim_faults[fault], **parameters)
+
+    def end(self, fault: SimFault) -> None:
+        """Let it end."""
+        self._simulator.control.clear(plugins.device(self._order.plugin).sim_faults[fault])
 
     def load(self, wrench: Wrench) -> None:
         """Let a wrench act on the simulated sensor, in its frame, until the next one."""
@@ -449,6 +469,10 @@ class _Hosted:
             load(self._simulator, wrench)
         except RuntimeError as error:
             raise Broken(str(error)) from error
+
+    def pressing(self) -> float:
+        """Return the N with which the fingers of the simulated gripper press on what they hold."""
+        return float(self._simulator.control.status()["pressing"])
 
     @property
     def _simulator(self) -> RunningSim:
@@ -534,7 +558,7 @@ def hosted(
         doors: folder for the socket of its process.
         folder: for its log.
         locks: files of `locks.alone`.
-        lost: called when it does not answer as it is to be held, or left.
+        lost: called when it cannot be held or left.
     """
     return _Hosted(order, doors, folder, locks, lost)
 

@@ -41,6 +41,7 @@ class Door:
     def __init__(self, path: str, key: bytes, timeout: float) -> None:
         self._path = path
         self._lock = threading.Lock()
+        self._asked = 0
         self._connection = self._connected(key, timeout)
 
     def close(self) -> None:
@@ -67,11 +68,10 @@ class Door:
         """
         with self._lock:
             try:
-                self._connection.send((name, *arguments))
-                if not self._connection.poll(within + ANSWER_TIMEOUT):
-                    self._connection.close()  # a late answer would be taken for the next one
-                    raise DoorClosed(f"{name}: no answer in {within + ANSWER_TIMEOUT:g} s")
-                answer = self._connection.recv()
+                answer = self._answer(name, arguments, time.monotonic() + within + ANSWER_TIMEOUT)
+            except TimeoutError:
+                self._connection.close()
+                raise DoorClosed(f"{name}: no answer in {within + ANSWER_TIMEOUT:g} s") from None
             except (EOFError, OSError) as error:
                 raise DoorClosed(f"{name}: the driver's process is gone") from error
         if isinstance(answer, Failed):
@@ -85,6 +85,22 @@ class Door:
             Refused, DoorClosed: as `call`.
         """
         self.call("submit", name, value, stamp_ns)
+
+    def _answer(self, name: str, arguments: tuple[Any, ...], deadline: float) -> Any:
+        """Ask, and return the answer to this question: one that Ctrl-C broke off left its own behind."""
+        self._asked += 1
+        self._connection.send((self._asked, name, *arguments))
+        while self._connection.poll(max(0.0, deadline - time.monotonic())):
+            try:
+                number, answer = self._connection.recv()
+            except (EOFError, OSError):
+                raise
+            except Exception as error:  # Ctrl-C came within an answer: what follows is none
+                self._connection.close()
+                raise DoorClosed(f"{name}: what is answered cannot be read") from error
+            if number == self._asked:
+                return answer
+        raise TimeoutError
 
     def _connected(self, key: bytes, timeout: float) -> Connection:
         deadline = time.monotonic() + timeout

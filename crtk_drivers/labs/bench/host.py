@@ -25,7 +25,7 @@ from typing_extensions import override
 from crtk_drivers import plugins
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, unexpected
-from crtk_drivers.labs.bench.calls import EFFORT, About, Failed, Glance, HostOrder
+from crtk_drivers.labs.bench.calls import EFFORT, TOOLS, About, Failed, Glance, HostOrder
 from crtk_drivers.labs.bench.taping import SampleRecorder
 from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.samples import JointState, Pose, Stamp, Value, Vector
@@ -80,8 +80,11 @@ class Host:
         self._order = order
         self._recorder = SampleRecorder(session.engine)
         self._engine.add_observer(_Refusals(self._recorder))
-        self._engine.on_sample = self._recorder.sample
+        for prefix, engine in {"": session.engine, **session.children}.items():
+            engine.on_sample = self._recorder.taker(engine, prefix and f"{prefix}/")
+        session.recordings.may_be_asked = True
         self._ended = threading.Event()
+        self._is_closing = False
         self._is_supervised = False
         self._calls: dict[str, Callable[..., Any]] = {
             "about": self._about,
@@ -95,6 +98,7 @@ class Host:
             "mark": partial(self._recorder.event, "mark"),
             "note": partial(self._recorder.event, "note"),
             "stop_recording": self._recorder.end,
+            "dump": self._dump,
             "forward": self._forward,
             "inverse": self._inverse,
             "jacobian": self._jacobian,
@@ -114,6 +118,7 @@ class Host:
                     logger.error("%s: the bench did not come: left", self._engine.where)
                     break
             self._recorder.end()
+            self._is_closing = True
         door.unlink(missing_ok=True)
 
     def calls(self, visitor: Client) -> dict[str, Callable[..., Any]]:
@@ -126,7 +131,7 @@ class Host:
             try:
                 connection = listener.accept()
             except Exception:  # a stranger without the key, or the end
-                if self._ended.is_set():
+                if self._is_closing:
                     return
                 logger.exception("%s: a connection to the door failed", self._engine.where)
                 time.sleep(POLL_PERIOD)
@@ -141,7 +146,7 @@ class Host:
         calls = self.calls(visitor)
         try:
             while True:
-                name, *arguments = connection.recv()
+                number, name, *arguments = connection.recv()
                 try:
                     answer = calls[name](*arguments)
                 except CrtkError as error:
@@ -149,7 +154,7 @@ class Host:
                 except Exception as error:
                     logger.exception("%s: %s", self._engine.where, name)
                     answer = Failed(unexpected(error), "")
-                connection.send(answer)
+                connection.send((number, answer))
         except (EOFError, OSError):
             pass
         finally:
@@ -162,7 +167,8 @@ class Host:
     def _let_go(self) -> None:
         """Hold and disable what is powered, and end, whatever of that is refused."""
         try:
-            if self._engine.status.state in (OperatingState.ENABLED, OperatingState.PAUSED):
+            powered = self._engine.status.state in (OperatingState.ENABLED, OperatingState.PAUSED)
+            if powered or not self._engine.transition_ended:
                 with contextlib.suppress(CrtkError):
                     self._engine.submit("hold")
                 time.sleep(LEAVING)
@@ -176,6 +182,9 @@ class Host:
 
     # ------------------------------------------------------------------------------------- the calls
 
+    def _dump(self, reason: str, path: str) -> None:
+        self._session.recordings.dump(reason, Path(path))
+
     def _about(self) -> About:
         engine = self._engine
         timeout = 2.0 * self._order.config.open_timeout + MARGIN
@@ -188,7 +197,12 @@ class Host:
         return About(
             name=engine.where,
             capabilities=engine.capabilities,
-            commands=(*engine.commands, *self._efforts()),
+            commands=(
+                *engine.commands,
+                *(reading.told_as(name) for name, reading in engine.readings.items()),
+                *self._efforts(),
+                *self._tools(),
+            ),
             silence=engine.options.stream_timeout,
             sample_timeout=engine.options.sample_timeout,
             stale_after=engine.stale_after,
@@ -202,6 +216,10 @@ class Host:
     def _efforts(self) -> tuple[str, ...]:
         value, _ = self._engine.feedback("measured_js") or (None, None)
         return (EFFORT,) if isinstance(value, JointState) and value.effort.size else ()
+
+    def _tools(self) -> tuple[str, ...]:
+        behind = self._session.children.values()
+        return (TOOLS,) if any("measured_cp" in each.commands for each in behind) else ()
 
     def _glance(self) -> Glance:
         engine = self._engine

@@ -56,6 +56,9 @@ SHARE_OF_LIMITS: Final = 0.2
 STEPS: Final = 20.0
 """Steps of the encoder that an amplitude has at the least, else nothing is judged by it."""
 
+STREAMS: Final = 4.0
+"""Periods of a stream after a command in which it goes on."""
+
 BUSY_ECHO: Final = 2e-3
 """The same, where single cycles of the device are judged."""
 
@@ -331,6 +334,10 @@ def _frozen(trace: Trace, subject: Subject) -> Findings:
         return Findings(doubts=("it moves less than five steps of its encoder in a sample",))
     middle = joints.position[:, column].mean()
     in_swing = np.abs(joints.position[1:, column] - middle) < 0.7 * amplitude[column]
+    sent = np.array([at for at, *_ in trace.commands("servo_jp")])
+    if sent.size:  # where the bench itself stood still, so did the arm
+        last = sent[np.maximum(np.searchsorted(sent, joints.at[1:]) - 1, 0)]
+        in_swing &= joints.at[1:] - last < STREAMS / trace.notes["stream_rate"]
     repeats = (np.diff(joints.position, axis=0) == 0.0).all(axis=1)
     count = int(in_swing.sum())
     if count < 50:

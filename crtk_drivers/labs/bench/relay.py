@@ -3,7 +3,8 @@
 ``python -m crtk_drivers.labs.bench.relay`` takes a `DeviceLink`, and a folder for the names of serial lines,
 as JSON in a line of its standard input, and answers with where it listens; then it takes a `Mode` a line, and
 answers each when that holds. It ends with its input. It listens at a loopback address of its own, at the
-ports of the device; where that takes a right that it has not, at others. Serial lines are pseudo terminals.
+ports of the device; where that takes a right that it has not, at others. Serial lines are pseudo terminals,
+and a CAN bus is a port for socketcand.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import selectors
 import socket
 import struct
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -27,10 +29,13 @@ from crtk_drivers.labs.bench import programs
 from crtk_drivers.plugins import DeviceLink
 
 if TYPE_CHECKING:
+    from crtk_drivers.labs.bench.can_relay import CanLine
     from crtk_drivers.labs.bench.serial_relay import SerialLine
 
 CHUNK: Final = 65536
 
+CATCHING_UP: Final = 0.1
+"""Seconds for what came before a change, at most."""
 CONNECT_TIMEOUT: Final = 2.0
 """Seconds for a connection to the device."""
 
@@ -55,7 +60,7 @@ class Mode(StrEnum):
     SILENT = "silent"
     """Nothing passes, and nobody is told: a cable that is unplugged at a switch."""
     CLOSED = "closed"
-    """Connections are reset, and new ones refused; serial lines hang up, and are not there."""
+    """Connections are reset, and new ones refused; serial lines and buses hang up, and are not there."""
 
 
 @dataclass(eq=False)
@@ -84,12 +89,12 @@ class _Relay:
         folder: for the names of serial lines.
 
     Attributes:
-        host, tcp: where it listens, ports by name.
+        host, tcp: where it listens, ports by name, those of CAN buses among them.
         serial: names of its ends of serial lines and rates, by name.
 
     Raises:
         OSError: it cannot listen.
-        ConnectionFailed: a serial port cannot be opened.
+        ConnectionFailed: a serial port, or a CAN adapter, cannot be opened.
     """
 
     def __init__(self, link: DeviceLink, folder: Path) -> None:
@@ -102,7 +107,7 @@ class _Relay:
         self._ends: list[_End] = []
         self._clients: dict[tuple[int, tuple[str, int]], socket.socket] = {}
         self._input = b""
-        self._lines: list[SerialLine] = []
+        self._lines: list[SerialLine | CanLine] = []
         self.serial: dict[str, tuple[str, int]] = {}
         for name, (port, baud) in link.serial.items():
             from crtk_drivers.labs.bench.serial_relay import SerialLine  # needs pyserial
@@ -111,6 +116,12 @@ class _Relay:
             self._lines.append(SerialLine(port, baud, own, self._selector, self._passes))
             self.serial[name] = str(own), baud
         self.host = self._bind()
+        for name, bus in link.can.items():
+            from crtk_drivers.labs.bench.can_relay import CanLine  # needs python-can
+
+            door = CanLine(bus, self.host, self._selector, self._passes)
+            self._lines.append(door)
+            self.tcp[name] = door.port
 
     def serve(self) -> None:
         """Pass on until the input ends."""
@@ -130,12 +141,25 @@ class _Relay:
             return
         *lines, self._input = (self._input + data).split(b"\n")
         for line in lines:
+            self._treat_what_came()
             try:
                 self._set(Mode(line.decode()))
             except ConnectionFailed as error:
                 _answer({"error": f"the device is gone: {error.statement}", "remedy": error.remedy})
             else:
                 _answer({"mode": self._mode})
+
+    def _treat_what_came(self) -> None:
+        """Pass on, or lose, what came before a change: a busy machine may not have come to it."""
+        end = time.monotonic() + CATCHING_UP
+        while time.monotonic() < end:
+            found = self._selector.select(0.0)
+            ready = [(key, events) for key, events in found if key.fd != sys.stdin.fileno()]
+            if not ready:
+                return
+            for key, events in ready:
+                if key.fd in self._selector.get_map():
+                    key.data(events)
 
     def _set(self, mode: Mode) -> None:
         before, self._mode = self._mode, mode

@@ -11,10 +11,10 @@ from crtk_drivers.labs.bench.acquisition import Suite as Named
 from crtk_drivers.labs.bench.catalogue import TESTS
 from crtk_drivers.labs.bench.history import Key, key_of
 from crtk_drivers.labs.bench.results import DeviceResult, Measured, Result, Run
+from crtk_drivers.labs.tapes.svg_canvas import svg_of_plot
 from crtk_drivers.labs.verdicts.html_page import Cell, badge, details, page, table, text
 from crtk_drivers.labs.verdicts.judging import Plot, Series, Verdict, number
 from crtk_drivers.labs.verdicts.junit import Case, Suite, junit_xml
-from crtk_drivers.labs.verdicts.svg_plot import svg
 
 KINDS: Final[Mapping[Verdict, str]] = {
     Verdict.PASS: "good",
@@ -191,7 +191,7 @@ def _device(device: DeviceResult, earlier: Mapping[Key, list[float]]) -> Iterato
 def _test(device: DeviceResult, test: Result, earlier: Mapping[Key, list[float]]) -> str:
     rows = []
     plots = "".join(
-        svg(
+        svg_of_plot(
             Plot(
                 plot.title,
                 plot.x_label,
@@ -205,7 +205,7 @@ def _test(device: DeviceResult, test: Result, earlier: Mapping[Key, list[float]]
         rows.append(_row(found))
         values = earlier.get(key_of(device, found), [])
         if len(values) > 1 and found.value is not None:
-            plots += svg(_trend(found, [*values, found.value]))
+            plots += svg_of_plot(_trend(found, [*values, found.value]))
     body = table(("", "", "value", "95 %", "bound", "from", "verdict"), rows, right=(2, 3, 4))
     if test.reason:
         body = Cell(f"<p>{text(test.reason)}</p>{body}")

@@ -175,12 +175,14 @@ class _Bench:
         """Return what each conductor does: one does all, unless more than one device is tested at once."""
         groups: dict[str, list[DeviceOrder]] = {}
         for device in self._lab.devices.values():
-            on = device.entry.on if device.entry.on in self._lab.devices else ""
+            on = _carrier_of(device, self._lab.devices)
             group = (on or device.name) if self._options.at_once > 1 else ""
             groups.setdefault(group, []).append(_order(device, self._lab.devices))
         thorough = self._options.suite.thorough
         return [
-            RunOrder(tuple(devices), self._options.out, thorough, locks)
+            RunOrder(
+                tuple(devices), self._options.out, thorough, locks, self._lab.settings.features
+            )
             for devices in groups.values()
         ]
 
@@ -258,7 +260,7 @@ class _Bench:
         wanted: list[str] = []
         ids = {test.id for test in tested.tests}
         for test in tested.tests:
-            carrier = self._tested.get(tested.lab.entry.on)
+            carrier = self._tested.get(_carrier_of(tested.lab, self._tested))
             why = lacking(
                 test,
                 about,
@@ -266,7 +268,7 @@ class _Bench:
                 self._options,
                 carrier=carrier.as_carrier() if carrier else None,
                 faults=self._lab.settings.faults,
-                operator=self._lab.settings.features.get("operator") is True,
+                features=self._lab.settings.features,
             ) or unguarded(test, self._moved_by(tested, test.acquisition.name).lab, ids)
             if why:
                 self._record(tested, _untested(test, Verdict.SKIPPED, why))
@@ -284,6 +286,7 @@ class _Bench:
             self._lab.settings.bounds,
             message.kept,
             tested.lab.entry.carried,
+            tested.lab.entry.markers_on(_carrier_of(tested.lab, self._tested)),
         )
         subject = replace(subject, waited=waited)
         self._keep_subject(message.recording, subject, message.trouble)
@@ -315,7 +318,8 @@ class _Bench:
     def _moved_by(self, tested: _Tested, acquisition: str) -> _Tested:
         """Return the device that an acquisition moves: the one that is tested, or what carries that."""
         is_carried = ACQUISITIONS[acquisition].carrier_needs
-        return self._tested.get(tested.lab.entry.on, tested) if is_carried else tested
+        on = _carrier_of(tested.lab, self._tested)
+        return self._tested.get(on, tested) if is_carried else tested
 
     def _judging(self, device: str, acquisition: str) -> tuple[BenchTest, ...]:
         tested = self._tested[device]
@@ -490,8 +494,17 @@ def _code_of(conductor: subprocess.Popen[bytes]) -> int | None:
         return None
 
 
-def _order(device: LabDevice, run: Collection[str]) -> DeviceOrder:
-    entry = device.entry
+def _carrier_of(device: LabDevice, run: Collection[str]) -> str:
+    """Return which device of the run carries another one, or its markers; empty if none does."""
+    return next((name for name in device.entry.carriers if name in run), "")
+
+
+def _order(device: LabDevice, devices: Mapping[str, LabDevice]) -> DeviceOrder:
+    entry, on, coupled = device.entry, _carrier_of(device, devices), device.coupled
+    if coupled is not None and on:  # no other one is brought up beside it
+        beside = coupled.markers_on(devices[on].namespace)
+        markers = {name: coupled.markers[name] for name in beside}
+        coupled = coupled.model_copy(update={"markers": markers})
     return DeviceOrder(
         device.name,
         device.plugin.name,
@@ -499,7 +512,6 @@ def _order(device: LabDevice, run: Collection[str]) -> DeviceOrder:
         device.sim,
         device.sim_options,
         entry.space,
-        entry.on if entry.on in run else "",
-        entry.carried,
-        bool(device.felt_on),
+        on,
+        coupled,
     )

@@ -1,8 +1,9 @@
 """Every sample of a device under test, and what was asked of it, in the order of arrival, as MCAP.
 
-Topics are ``measured_js`` and others of the device, ``command/<name>`` for what it was asked, and ``events``:
-JSON with what happened, marks and notes of the test among it. A second device that is recorded, which carries
-the first one, has a file of its own beside it, whose topics are read as ``carrier/measured_js`` and so on.
+Topics are ``measured_js`` and others of the device, ``<child>/measured_cp`` and so on of the devices behind
+it, ``command/<name>`` for what it was asked, and ``events``: JSON with what happened, marks and notes of the
+test among it. A second device that is recorded, which carries the first one, has a file of its own beside it,
+whose topics are read as ``carrier/measured_js`` and so on.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from collections.abc import Callable
 from operator import itemgetter
 from pathlib import Path
 from typing import Final
@@ -29,7 +31,7 @@ EVENTS: Final = "events"
 
 
 class SampleRecorder:
-    """`sample` belongs to the I/O thread and waits for nobody; the rest may be called from any thread.
+    """What takes samples belongs to the I/O thread and waits for nobody; the rest is for any thread.
 
     Args:
         engine: of the device.
@@ -37,7 +39,6 @@ class SampleRecorder:
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._names = tuple(name for name in RECORDED if name in engine.commands)
         self._recorder: Recorder | None = None
         self._lock = threading.Lock()
 
@@ -66,15 +67,25 @@ class SampleRecorder:
         if totals.lost:
             raise RecordingError(f"the recording lacks {totals.lost} values: {totals.error}")
 
-    def sample(self) -> None:
-        """Take what is told now."""
-        recorder = self._recorder
-        if recorder is None:
-            return
-        for name in self._names:
-            found = self._engine.feedback(name)
-            if found is not None:
-                recorder.take(name, *found)
+    def taker(self, engine: Engine, prefix: str = "") -> Callable[[], None]:
+        """Return what takes that which an engine tells now: that of the device, or of one behind it.
+
+        Args:
+            engine: whose it is.
+            prefix: before its topics.
+        """
+        names = tuple(name for name in RECORDED if name in engine.commands)
+
+        def take() -> None:
+            recorder = self._recorder
+            if recorder is None:
+                return
+            for name in names:
+                found = engine.feedback(name)
+                if found is not None:
+                    recorder.take(f"{prefix}{name}", *found)
+
+        return take
 
     def command(self, name: str, value: Value | None, stamp_ns: int) -> None:
         """Take what was asked of the device."""

@@ -18,7 +18,7 @@ import numpy as np
 from crtk_drivers.config import BoxConfig
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.bench.calls import About, Glance
-from crtk_drivers.labs.bench.door import Door, DoorClosed
+from crtk_drivers.labs.bench.door import Door, Refused
 from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState
 from crtk_drivers.status.stop_request import StopRequest
@@ -104,6 +104,36 @@ def late_told(lateness: Iterable[float], allowed: float) -> tuple[str, ...]:
     )
 
 
+def let_go(door: Door, name: str, timeout: float) -> bool:
+    """Hold a device, disable it once it stands, and return whether it is seen to be without power.
+
+    Args:
+        door: to it.
+        name: of it, for the log.
+        timeout: seconds that `disable` may take.
+    """
+    try:
+        for step in ("hold", "disable"):
+            try:
+                if step == "hold":
+                    door.call("hold")
+                    time.sleep(HOLD_TIME)
+                else:
+                    door.call("state_command", "disable", timeout, within=timeout)
+            except Refused as error:
+                logger.info("%s: %s: %s", name, step, error)
+        glance: Glance = door.call("glance")
+    except CrtkError as error:
+        logger.error("%s: cannot be held: %s", name, error)
+        return False
+    if glance.status.state is OperatingState.DISABLED and glance.connected:
+        return True
+    # Of FAULT nobody knows: `disable` may have failed, or the link is cut and nothing was told.
+    how = str(glance.status.state) if glance.connected else "not connected"
+    logger.error("%s: was to be disabled, and is %s", name, how)
+    return False
+
+
 class Watch:
     """Watches one device from a thread of its own, through a connection of its own.
 
@@ -112,7 +142,7 @@ class Watch:
         about: the device.
         box: for its tool.
         stop: set when the run is to end.
-        lost: called when it is to be held, and nothing answers.
+        lost: called when it does not answer as it is to be held, or is not seen to be disabled afterwards.
     """
 
     def __init__(
@@ -217,20 +247,8 @@ class Watch:
 
     def _stop_device(self, why: str) -> None:
         logger.error("%s: stopped by the watch: %s", self._about.name, why)
-        for step in ("hold", "disable"):
-            try:
-                if step == "hold":
-                    self._door.call("hold")
-                    time.sleep(HOLD_TIME)
-                else:
-                    timeout = self._about.capabilities.transition_timeout
-                    self._door.call("state_command", "disable", timeout, within=timeout)
-            except DoorClosed as error:
-                logger.error("%s: cannot be held: %s", self._about.name, error)
-                self._lost()
-                return
-            except CrtkError as error:
-                logger.error("%s: %s: %s", self._about.name, step, error)
+        if not let_go(self._door, self._about.name, self._about.capabilities.transition_timeout):
+            self._lost()
 
     def look(self) -> None:
         """Look at the device, and stop it if something is wrong.
@@ -260,5 +278,5 @@ class Watch:
                 self.look()
             except Exception as error:
                 if not ended.is_set():
-                    self.trip(str(error))
+                    self.trip(str(error) or type(error).__name__)
                 return

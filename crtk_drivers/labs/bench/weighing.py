@@ -11,6 +11,7 @@ import numpy as np
 from crtk_drivers.geometry.quaternions import unit
 from crtk_drivers.labs.bench.acquisition import Acquisition, BenchTest, Safety, Subject, Suite
 from crtk_drivers.labs.bench.bed import Bed
+from crtk_drivers.labs.bench.postures import around, least_alike, wrist
 from crtk_drivers.labs.bench.signals import noise
 from crtk_drivers.labs.bench.trace import Trace
 from crtk_drivers.labs.carried import GRAVITY, UNKNOWN
@@ -29,14 +30,8 @@ POSES: Final = 8
 
 FEWEST: Final = 6
 
-CANDIDATES: Final = 60
-"""Postures of which those are taken in which gravity pulls most differently."""
-
 FAR: Final = 1.5
 """rad: how far a joint goes at most from where it is."""
-
-TURNED: Final = 3
-"""Joints that are used: the last ones that turn, which move the tool least."""
 
 SETTLE: Final = 0.5
 WEIGHED: Final = 0.6
@@ -77,27 +72,14 @@ def _down(arm: Bed, joints: Vector) -> Vector | None:
     return None if pose is None else UNKNOWN.down(pose.orientation)
 
 
-def _candidates(arm: Bed) -> Array:
-    """Return postures (k, n) around where it is, within the limits of the run; the same ones in each run."""
-    home = arm.setpoint
-    turning = np.flatnonzero(arm.slides < 0.5)[-TURNED:]
-    down, up = (np.clip(way[turning], 0.0, FAR) for way in arm.room())
-    found = np.tile(home, (CANDIDATES, 1))
-    found[:, turning] += np.random.default_rng(1).uniform(-down, up, (CANDIDATES, turning.size))
-    return found
-
-
 def _postures(arm: Bed) -> Iterator[Vector]:
     """Yield postures (n,) in which gravity pulls as differently as can be."""
-    candidates = _candidates(arm)
+    far = np.zeros(arm.slides.size)
+    far[wrist(arm)] = FAR
+    candidates = around(arm, vector(far))
     downs = [_down(arm, vector(each)) for each in candidates]
     pulls = np.array([np.zeros(3) if down is None else down for down in downs])
-    taken = [0]
-    while len(taken) < POSES:
-        away = 1.0 - (pulls @ pulls[taken].T).max(axis=1)
-        away[taken] = -1.0
-        taken.append(int(np.argmax(away)))
-    for index in taken:
+    for index in least_alike(pulls @ pulls.T, POSES):
         yield vector(candidates[index])
 
 

@@ -59,6 +59,11 @@ def within(value: float, doubt: float, n: int = 1) -> Estimate:
     return Estimate(value, value - doubt, value + doubt, n)
 
 
+def deviation(value: float, freedom: int, n: int) -> Estimate:
+    """Return a standard deviation, or an rms of residuals, of so many degrees of freedom."""
+    return within(value, Z * value / math.sqrt(2.0 * freedom), n)
+
+
 def wider(found: Estimate, doubt: float) -> Estimate:
     """Return an estimate with a doubt on top, either way, that its observations have in common."""
     return Estimate(found.value, found.lower - doubt, found.upper + doubt, found.n)

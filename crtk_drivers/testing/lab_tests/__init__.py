@@ -56,7 +56,7 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers", "needs(name, ...): devices or features of the lab without which it is skipped"
     )
     if config.getoption(FILE):
-        from crtk_drivers.testing.lab_tests import fixtures, hooks
+        from crtk_drivers.testing.lab_tests import hooks, lab_fixtures
 
         config.pluginmanager.register(hooks.begun(config), "crtk-lab")
-        config.pluginmanager.register(fixtures, "crtk-lab-fixtures")
+        config.pluginmanager.register(lab_fixtures, "crtk-lab-fixtures")

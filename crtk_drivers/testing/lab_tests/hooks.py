@@ -17,7 +17,7 @@ from crtk_drivers.labs.bench.catalogue import QUANTITIES
 from crtk_drivers.labs.bench.folder import default_folder
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
 from crtk_drivers.testing.lab_tests import FILE
-from crtk_drivers.testing.lab_tests.fixtures import SESSION, UNDER_WAY
+from crtk_drivers.testing.lab_tests.lab_fixtures import SESSION, UNDER_WAY
 from crtk_drivers.testing.lab_tests.session import LabSession, verdict_of
 
 __all__ = ["begun"]

@@ -24,7 +24,7 @@ from crtk_drivers.labs.bench.watch import late_told
 from crtk_drivers.labs.lab_file import Lab, LabDevice
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
 from crtk_drivers.testing.lab_tests.devices import LabUnderTest, Station, TestedDevice
-from crtk_drivers.testing.lab_tests.figures import Figures
+from crtk_drivers.testing.lab_tests.measured_figures import Figures
 
 __all__ = ["LabSession", "TestUnderWay", "verdict_of"]
 
@@ -190,6 +190,8 @@ class LabSession:
             troubles.append(device.end())
             if (test.broke and device.is_touched) or device.tripped:
                 device.station.stopped = f"no more after {test.name}: {test.findings().reason}"
+            elif device.station.host.is_lost:
+                device.station.stopped = f"no more after {test.name}: it was not seen without power"
             if device.tripped and device.is_touched:
                 self._take_power(device.station.device)
         if self.run is None:

@@ -12,12 +12,10 @@ from crtk_driver_ati_netft.profiles import PROFILES, Mode
 from crtk_driver_ati_netft.stream import RECEIVE_BUFFER
 from crtk_driver_ati_netft.units import Scale
 from crtk_drivers.config import DeviceConfig, Settings
+from crtk_drivers.kit.software_bias import MOST_LOAD
 from crtk_drivers.ros.names import checked_namespace
 
 HTTP_PORT = 80
-
-MOST_LOAD = 1e6
-"""N and N·m: beyond any sensor."""
 
 Load = Annotated[float, Field(ge=-MOST_LOAD, le=MOST_LOAD)]
 Small = Annotated[float, Field(ge=-100.0, le=100.0)]

@@ -128,17 +128,18 @@ class Connector:
                 info.scale.factors,
                 port=config.rdt_port,
                 mode=Mode(config.mode),
-                rate=float(info.rdt_rate or min(profile.rate, 1000)),
                 receive_buffer=config.receive_buffer,
             )
+        by_rdt = profile.period_by_rdt is not None and config.sensor.rdt_rate
+        stream.expect_rate(float(by_rdt or info.rdt_rate or min(profile.rate, 1000)))
         stream.factors = info.scale.factors
         stream.tracker.rate = float(info.internal_rate or profile.rate)
         self.tell(stream)
         stream.open(deadline)
-        by_rdt = {profile.filter_by_rdt: config.sensor.filter_code}
+        sent = {profile.filter_by_rdt: config.sensor.filter_code}
         if config.sensor.rdt_rate is not None:
-            by_rdt[profile.period_by_rdt] = max(1, round(1000.0 / config.sensor.rdt_rate))
-        for command, value in by_rdt.items():
+            sent[profile.period_by_rdt] = max(1, round(1000.0 / config.sensor.rdt_rate))
+        for command, value in sent.items():
             if command is not None and value is not None:
                 stream.send_value(command, value)
                 stream.resume()

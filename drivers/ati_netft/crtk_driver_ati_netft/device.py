@@ -17,19 +17,16 @@ from pathlib import Path
 
 from typing_extensions import override
 
-from crtk_driver_ati_netft.averaging import Averaging
 from crtk_driver_ati_netft.blocks import Block, BlockReader
 from crtk_driver_ati_netft.calibration import SensorInfo
 from crtk_driver_ati_netft.compensation import Tool, ToolFit, transfer
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.connecting import Connector
-from crtk_driver_ati_netft.monitor import LoadMonitor
 from crtk_driver_ati_netft.orientation import Arm, OrientationSource, rotation_of
 from crtk_driver_ati_netft.page_watch import JumpWatch, PageWatch
 from crtk_driver_ati_netft.pipeline import Listener, Pipeline, Published
 from crtk_driver_ati_netft.profiles import NETBOX, PROFILES, Profile
 from crtk_driver_ati_netft.recording import Recorder, Recordings, describe
-from crtk_driver_ati_netft.sequence import Event
 from crtk_driver_ati_netft.services import SensorBias, SensorServices
 from crtk_driver_ati_netft.source import Source
 from crtk_driver_ati_netft.stream import RECEIVE_BUFFER, Batch
@@ -39,23 +36,25 @@ from crtk_drivers.commands import Payload
 from crtk_drivers.device import (
     Capabilities,
     Condition,
-    Device,
     Input,
     Note,
+    Sensor,
     Service,
-    Setpoint,
     Severity,
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionLost, DeviceFault
+from crtk_drivers.errors import ConnectionLost
+from crtk_drivers.kit.averaging import Averaging
+from crtk_drivers.kit.sensing.load_monitor import LoadMonitor, rely_on
+from crtk_drivers.kit.sensing.sequence import Event
 from crtk_drivers.samples import Array, Sample, Stamp, Value, Vector, Wrench, vector
 from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
 
 
-class NetFtDevice(Device):
+class NetFtDevice(Sensor):
     """One sensor.
 
     Besides CRTK it has the services and inputs of `crtk_driver_ati_netft.services`, and for programs in the
@@ -74,7 +73,7 @@ class NetFtDevice(Device):
         self._just_opened = False
         self._due = 0.0
         self._averaging: Averaging | None = None
-        self.monitor = LoadMonitor(self.profile, config.alarm)
+        self.monitor = LoadMonitor(self.profile.status, config.alarm, config.on_saturation)
         measuring = config.measuring_frame_id or config.frame_id
         self._measuring_frame = measuring
         self.pipeline = Pipeline(
@@ -189,7 +188,8 @@ class NetFtDevice(Device):
         self.info = found.info
         if found.profile is not self.profile:
             self.profile = found.profile
-            self.monitor = LoadMonitor(found.profile, self._config.alarm)
+            config = self._config
+            self.monitor = LoadMonitor(found.profile.status, config.alarm, config.on_saturation)
         self.monitor.clear()
         self.monitor.set_rated(found.info.rated)
         self._jumps = JumpWatch(found.info.rated)
@@ -245,39 +245,20 @@ class NetFtDevice(Device):
                 return self._sample(published, batch)
 
     @override
-    def write(self, setpoint: Setpoint) -> None:
-        """Not called: a sensor has no modes."""
-        raise NotImplementedError
-
-    @override
-    def stop(self) -> None:
-        """Nothing moves."""
-
-    @override
     def enable(self) -> Steps:
         """Rely on the measurements from now on.
 
         Raises:
             DeviceFault: the sensor reports an error, or is frozen.
         """
-        condition = self.condition
-        if condition.allows is OperatingState.FAULT:
-            raise DeviceFault(
-                condition.reason,
-                where=self.address,
-                remedy="Remove the cause, and enable again.",
-            )
-        yield from ()
+        return rely_on(self.condition, self.address)
 
     @property
     @override
     def condition(self) -> Condition:
-        now = time.monotonic()
-        reason = self.monitor.error(now)
+        reason = self.monitor.fault(time.monotonic())
         if self._source is not None and self._source.frozen:
             reason = "the transducer is frozen: the sensor repeats one measurement"
-        if self._config.on_saturation == "fault":
-            reason = reason or self.monitor.saturation(now)
         return Condition(OperatingState.FAULT, reason) if reason else Condition()
 
     # --------------------------------------------------------------------------------------- diagnostics
@@ -393,7 +374,7 @@ class NetFtDevice(Device):
 
     def _follow(self, batch: Batch) -> None:
         now = time.monotonic()
-        self.monitor.take(batch, now)
+        self.monitor.take(batch.status, batch.values, now)
         if self._jumps.take(batch.values):
             self._page_watch.look()
         if change := self._page_watch.change:
@@ -432,23 +413,12 @@ class NetFtDevice(Device):
     def _sample(self, published: Published, batch: Batch) -> Sample:
         value, raw = published.value, published.raw
         stamp = Stamp(published.wall_ns, published.time)
-        if not self._is_valid(batch):
+        if not self.monitor.is_value_valid(self.pipeline.rest) or self.source.frozen:
             stamp = Stamp(0, float(batch.times[-1]))
         values: dict[str, Value] = {"raw/measured_cf": _wrench(raw, self._config.frame_id)}
         if value is not None:
             values["measured_cf"] = _wrench(value, self._measuring_frame)
         return Sample(stamp, values)
-
-    def _is_valid(self, batch: Batch) -> bool:
-        if self.source.frozen:
-            return False
-        if not batch.status.any():
-            return True
-        table = self.profile.status
-        if table.is_error(batch.status).any():
-            return False
-        flagged = self._config.on_saturation == "flag"
-        return flagged or not table.is_saturated(batch.status).any()
 
 
 def _wrench(values: Array, frame_id: str) -> Wrench:

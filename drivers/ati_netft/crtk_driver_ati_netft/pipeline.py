@@ -15,18 +15,22 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from crtk_driver_ati_netft.blocks import MEASUREMENT, Block, BlockReader, BlockRing
 from crtk_driver_ati_netft.compensation import GRAVITY, NO_LOAD, UNKNOWN_LOAD, Compensation, Tool
-from crtk_driver_ati_netft.filters import Filter, LowPass, Mean
 from crtk_driver_ati_netft.stream import Batch
 from crtk_drivers.kit.clock_fit import WallClock
+from crtk_drivers.kit.sensing.filters import Filter, LowPass, Mean
 from crtk_drivers.samples import Array, Vector
 
 RING: Final = 1 << 16
 """Measurements that are kept: 8 seconds of the fastest sensor."""
 RATE_CHANGE: Final = 0.02
 """Share by which the rate of records must change for the filter to be made anew."""
+
+CLOCK_NOISE: Final = 100_000
+"""ns by which the distance of two clocks seems to change from one batch to the next: no clock was set."""
 
 Listener = Callable[[Block], None]
 
@@ -79,6 +83,7 @@ class Pipeline:
         self._filter: Filter = Mean(1)
         self._record_rate = 0.0
         self._wall_clock = WallClock()
+        self._stamp = 0
         self._listeners: tuple[Listener, ...] = ()
 
     # --------------------------------------------------------------------------- settings, any thread
@@ -161,6 +166,11 @@ class Pipeline:
         return self._filter.delay / self._record_rate if self._record_rate else 0.0
 
     @property
+    def rest(self) -> int:
+        """Measurements that are in no value yet."""
+        return self._filter.rest
+
+    @property
     def pending(self) -> float:
         """Seconds until the next value can be there."""
         period = 1.0 / self._rate
@@ -175,7 +185,7 @@ class Pipeline:
         """
         compensation = self._present()
         block = np.empty(len(batch), MEASUREMENT)
-        block["stamp"] = (batch.times * 1e9).astype(np.int64) + self._wall_clock.offset()
+        block["stamp"] = self._stamps(batch)
         block["ticks"] = batch.ticks
         block["sequence"] = batch.sequence
         block["status"] = batch.status
@@ -194,6 +204,15 @@ class Pipeline:
         return Published(
             value, batch.values[index], float(batch.times[index]), int(block["stamp"][index])
         )
+
+    def _stamps(self, batch: Batch) -> NDArray[np.int64]:
+        """Return the times of measurements (n,) in ns since the epoch; back only if that clock is set."""
+        stamps = (batch.times * 1e9).astype(np.int64) + self._wall_clock.offset()
+        back = self._stamp - stamps[0]
+        if 0 <= back < CLOCK_NOISE:
+            stamps += back + 1
+        self._stamp = int(stamps[-1])
+        return stamps
 
     def restart(self) -> None:
         """Forget what was filtered: the stream begins anew."""

@@ -12,7 +12,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Final
 
-from crtk_driver_ati_netft.status import Bit, Meaning, StatusTable
+from crtk_drivers.kit.sensing.status_words import Bit, Meaning, StatusTable
 
 _ERROR, _NOTICE, _SATURATED = Meaning.ERROR, Meaning.NOTICE, Meaning.SATURATED
 

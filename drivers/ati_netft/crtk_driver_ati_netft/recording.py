@@ -227,6 +227,7 @@ class Recorder:
         self._reader = reader
         self._csv = is_csv(path)
         self._thread: threading.Thread | None = None
+        self._before: threading.Thread | None = None
         self._stop = threading.Event()
         beginning = encode_header(header, self._csv)
         try:
@@ -250,9 +251,12 @@ class Recorder:
         """Go on writing. Does nothing while it runs, or after an error."""
         if self._thread is not None or self.error:
             return
-        self._stop.clear()
+        self._stop = threading.Event()
         self._thread = threading.Thread(
-            target=self._run, name=f"record {self.path.name}", daemon=True
+            target=self._run,
+            args=(self._stop, self._before),
+            name=f"record {self.path.name}",
+            daemon=True,
         )
         self._thread.start()
 
@@ -262,16 +266,21 @@ class Recorder:
         if thread is None:
             return
         self._stop.set()
+        self._before = thread
         thread.join(PATIENCE)
         if thread.is_alive():
             logger.error(
                 "%s: still writing after %g s; the end may be missing", self.path, PATIENCE
             )
 
-    def _run(self) -> None:
+    def _run(self, stop: threading.Event, before: threading.Thread | None) -> None:
+        if before is not None:
+            before.join()  # on a slow disk it may not have come to its end
+        if self.error:
+            return
         try:
             with open(self.path, "ab", buffering=0) as file:
-                while not self._stop.wait(PERIOD):
+                while not stop.wait(PERIOD):
                     self._write(file)
                 self._write(file)
                 os.fsync(file.fileno())

@@ -7,6 +7,8 @@ was off or another client had it.
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from enum import StrEnum
@@ -16,11 +18,9 @@ from typing import Any, Final, Protocol, TypeVar
 import numpy as np
 
 from crtk_driver_ati_netft import settings
-from crtk_driver_ati_netft.averaging import Average, Averaging
 from crtk_driver_ati_netft.calibration import SensorInfo
 from crtk_driver_ati_netft.compensation import NO_LOAD, ToolFit, fit_tool
-from crtk_driver_ati_netft.config import MOST_LOAD, NetFtConfig
-from crtk_driver_ati_netft.monitor import LoadMonitor
+from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.pipeline import Pipeline
 from crtk_driver_ati_netft.profiles import Action, Profile
 from crtk_driver_ati_netft.recording import Recorder, default_name
@@ -29,22 +29,21 @@ from crtk_driver_ati_netft.source import Source
 from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.device import Answer, Service, Severity
 from crtk_drivers.errors import CommandRefused, Reason, TransitionFailed
+from crtk_drivers.kit.averaging import Average, Averaging, differ
+from crtk_drivers.kit.sensing.load_monitor import LoadMonitor
+from crtk_drivers.kit.software_bias import AVERAGED, CHECKED, DRIFT, check_bias, load_text
 from crtk_drivers.samples import Array, Vector, Wrench, vector
 
-AVERAGED: Final = 0.3
-"""Seconds of measurements of which a bias is the mean."""
-CHECKED: Final = 0.1
-"""Seconds of measurements by which it is checked."""
 POSE: Final = 0.5
 """Seconds of measurements in each pose of a calibration."""
+ANEW: Final = 2.0
+"""Seconds in which a stream begins anew; one that does not goes on as it was."""
 TURNED: Final = 2e-3
 """By how much the entries of a rotation may change while a load is measured."""
-SURE: Final = 6.0
-"""Standard errors by which two means may differ."""
-DRIFT: Final = 0.005
-"""Share of the rated load, besides, by which they may."""
 
 _Result = TypeVar("_Result")
+
+logger = logging.getLogger(__name__)
 
 
 class SensorBias(StrEnum):
@@ -143,9 +142,17 @@ class SensorServices:
             worker.shutdown(wait=True, cancel_futures=True)
 
     def doubt_bias(self, reason: str) -> None:
-        """The sensor was out of our hands: what it subtracts is not known any more."""
+        """The sensor was out of our hands: what it subtracts is not known any more.
+
+        Poses of a calibration that were taken before it do not go with those that follow.
+        """
         self.sensor_bias = SensorBias.UNKNOWN
         self._doubt = reason
+        if self._poses:
+            logger.warning(
+                "%s: the poses of the calibration count no more: %s", self._device.address, reason
+            )
+            self._poses.clear()
 
     def notes(self) -> list[tuple[Severity, str, str]]:
         """Return what people should know: severity, key, text."""
@@ -166,25 +173,7 @@ class SensorServices:
             CommandRefused: it is not finite, beyond any sensor, or stated in another frame.
         """
         assert isinstance(value, Wrench)
-        frame = self._device.config.frame_id
-        if value.frame_id not in ("", frame):
-            raise CommandRefused(
-                "set_bias",
-                Reason.WRONG_FRAME,
-                f"the bias is stated in {value.frame_id!r}",
-                remedy=f"State it in {frame!r}, the sensor's frame.",
-            )
-        if not np.isfinite(value.vector).all():
-            raise CommandRefused(
-                "set_bias", Reason.NOT_FINITE, "not finite", remedy="Send six finite numbers."
-            )
-        if (np.abs(value.vector) > MOST_LOAD).any():
-            raise CommandRefused(
-                "set_bias",
-                Reason.OUT_OF_RANGE,
-                f"the bias is {_text(value.vector)}",
-                remedy=f"Send what a sensor can measure, up to {MOST_LOAD:g} N and N·m.",
-            )
+        check_bias(value.vector, value.frame_id, self._device.config.frame_id)
         self._device.pipeline.set_bias(vector(value.vector))
 
     # ------------------------------------------------------------------------------------- software
@@ -197,18 +186,23 @@ class SensorServices:
         average = yield from self._average(AVERAGED)
         bias = vector(average.mean - before.weight)
         pipeline.set_bias(bias)
-        after = yield from self._average(CHECKED)
-        moved = np.abs(after.mean - average.mean) > self._tolerance(average, after)
-        if moved.any():
-            pipeline.set_bias(before.bias)
-            raise TransitionFailed(
-                "the load changed while the bias was set; the bias is what it was",
-                where=self._device.address,
-                remedy="Leave the sensor alone for half a second, and try again.",
-            )
+        is_checked = False
+        try:
+            after = yield from self._average(CHECKED)
+            left = after.mean - average.mean
+            if differ(average, after, left, self._drift):
+                raise TransitionFailed(
+                    "the load changed while the bias was set; the bias is what it was",
+                    where=self._device.address,
+                    remedy="Leave the sensor alone for half a second, and try again.",
+                )
+            is_checked = True
+        finally:
+            # One that was set meanwhile stays.
+            if not is_checked and pipeline.compensation.bias is bias:
+                pipeline.set_bias(before.bias)
         self._trust()
-        left = after.mean - average.mean
-        return f"software bias {_text(bias)}; left over {_text(left)}"
+        return f"software bias {load_text(bias)}; left over {load_text(left)}"
 
     def _unbias(self) -> Answer:
         self._device.pipeline.set_bias(NO_LOAD)
@@ -217,34 +211,31 @@ class SensorServices:
 
     def _get_bias(self) -> Answer:
         yield from ()
-        return f"software bias {_text(self._device.bias)}; of the sensor: {self.sensor_bias}"
+        return f"software bias {load_text(self._device.bias)}; of the sensor: {self.sensor_bias}"
 
     # --------------------------------------------------------------------------------- in the sensor
 
     def _bias_sensor(self) -> Answer:
         device = self._device
-        device.source.request(Action.BIAS)
+        self.doubt_bias("it was being set, and that was not finished")
+        yield from self._asked_for(Action.BIAS)
         yield from self._average(CHECKED)  # what was on its way when it was set
         average = yield from self._average(AVERAGED)
-        if (np.abs(average.mean) > self._tolerance(average, average)).any():
+        if differ(average, average, average.mean, self._drift):
             self.doubt_bias("the sensor did not do what it was asked for")
             raise TransitionFailed(
-                f"the sensor measures {_text(average.mean)} after its bias was set",
+                f"the sensor measures {load_text(average.mean)} after its bias was set",
                 where=device.address,
                 remedy="Leave it alone for a second, and try again; or use `bias`.",
             )
         device.pipeline.set_bias(NO_LOAD)
         self.sensor_bias = SensorBias.SET
-        return f"bias set in the sensor; left over {_text(average.mean)}. Software bias removed"
+        return f"bias set in the sensor; left over {load_text(average.mean)}. Software bias removed"
 
     def _unbias_sensor(self) -> Answer:
         device = self._device
-        if Action.UNBIAS in device.profile.actions:
-            device.source.request(Action.UNBIAS)
-        elif device.config.http and device.profile.has_web:
-            yield from self._in_background(lambda: settings.remove_bias(device.web))
-            device.source.resume()
-        else:
+        by_request = Action.UNBIAS in device.profile.actions
+        if not by_request and not (device.config.http and device.profile.has_web):
             raise CommandRefused(
                 "sensor_unbias",
                 Reason.UNSUPPORTED,
@@ -252,9 +243,15 @@ class SensorServices:
                 where=device.address,
                 remedy="Set http to true, or switch the sensor off and on.",
             )
-        self.sensor_bias = SensorBias.REMOVED
+        self.doubt_bias("it was being removed, and that was not finished")
+        if by_request:
+            yield from self._asked_for(Action.UNBIAS)
+        else:
+            yield from self._in_background(lambda: settings.remove_bias(device.web))
+            device.source.resume()
         average = yield from self._average(AVERAGED)
-        return f"bias of the sensor removed; it measures {_text(average.mean)}"
+        self.sensor_bias = SensorBias.REMOVED
+        return f"bias of the sensor removed; it measures {load_text(average.mean)}"
 
     def _clear_latch(self) -> Answer:
         device = self._device
@@ -266,7 +263,7 @@ class SensorServices:
                 where=device.address,
                 remedy="Use the sensor's web page.",
             )
-        device.source.request(Action.CLEAR_LATCH)
+        yield from self._asked_for(Action.CLEAR_LATCH)
         yield from self._average(CHECKED)
         return ", ".join(device.monitor.notices) or "cleared"
 
@@ -283,7 +280,7 @@ class SensorServices:
             )
         self._poses.append((average, rotation))
         noise = float(np.linalg.norm(average.deviation[:3]))
-        return f"pose {len(self._poses)}: {_text(average.mean)}, noise {noise:.3g} N"
+        return f"pose {len(self._poses)}: {load_text(average.mean)}, noise {noise:.3g} N"
 
     def _finish(self) -> Answer:
         pipeline = self._device.pipeline
@@ -309,7 +306,7 @@ class SensorServices:
         center = ", ".join(f"{value * 1e3:.2f}" for value in fit.tool.center.tolist())
         return (
             f"mass {fit.tool.mass:.4f} kg (± {fit.mass_error:.4f}), centre of mass {center} mm "
-            f"(± {np.max(fit.center_error) * 1e3:.2f}), bias {_text(fit.bias)}; "
+            f"(± {np.max(fit.center_error) * 1e3:.2f}), bias {load_text(fit.bias)}; "
             f"residuals {fit.force_residual:.3g} N, {fit.torque_residual:.3g} N·m, in each pose "
             f"{', '.join(f'{left:.3g}' for left in np.linalg.norm(fit.residuals[:, :3], axis=1))} N{drawn}"
         )
@@ -369,6 +366,19 @@ class SensorServices:
 
     # --------------------------------------------------------------------------------------- inside
 
+    def _asked_for(self, action: Action) -> Generator[None, None, None]:
+        """Ask the sensor for something, and wait until its stream begins anew, which is asked for after it.
+
+        What comes before that may have been measured before it. Over TCP it goes with a measurement.
+        """
+        source = self._device.source
+        before, begun = source.counters.get("series"), time.monotonic()
+        source.request(action)
+        if before is None:
+            return
+        while source.counters.get("series") == before and time.monotonic() < begun + ANEW:
+            yield
+
     def _average(self, seconds: float) -> Generator[None, None, Average]:
         averaging = self._device.begin_average(seconds)
         while not averaging.done:
@@ -381,12 +391,11 @@ class SensorServices:
                 )
         return averaging.result()
 
-    def _tolerance(self, one: Average, other: Average) -> Vector:
-        """Return by how much two means may differ, or one from zero (6,)."""
+    @property
+    def _drift(self) -> Vector:
+        """By how much two means may differ besides their noise (6,)."""
         info = self._device.info
-        rated = info.rated if info is not None and info.rated.size else NO_LOAD
-        noise = np.maximum(one.deviation, other.deviation)
-        return vector(SURE * noise / np.sqrt(min(one.count, other.count)) + DRIFT * rated + 1e-9)
+        return vector(DRIFT * (info.rated if info is not None and info.rated.size else NO_LOAD))
 
     def _known_rotation(self, service: str) -> Array:
         rotation = self._device.pipeline.rotation
@@ -414,9 +423,3 @@ class SensorServices:
         """The software bias covers whatever the sensor subtracts."""
         if self.sensor_bias is SensorBias.UNKNOWN:
             self.sensor_bias = SensorBias.UNTOUCHED
-
-
-def _text(load: Array) -> str:
-    force = ", ".join(f"{value:.4g}" for value in load[:3].tolist())
-    torque = ", ".join(f"{value:.4g}" for value in load[3:].tolist())
-    return f"[{force}] N, [{torque}] N·m"

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from crtk_driver_ati_netft import rdt
 from crtk_driver_ati_netft.profiles import Action, Mode, Profile
-from crtk_driver_ati_netft.receiver import Receiver, ask_for_buffer, receiver_for
-from crtk_driver_ati_netft.sequence import Event, SequenceTracker
 from crtk_driver_ati_netft.stream_watch import PATIENCE, StreamWatch
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 from crtk_drivers.kit.clock_fit import ClockFit
+from crtk_drivers.kit.sensing.datagrams import Receiver, ask_for_buffer, receiver_for
+from crtk_drivers.kit.sensing.sequence import Event, SequenceTracker
 from crtk_drivers.samples import Vector
 
 RECEIVE_BUFFER: Final = 1 << 20
@@ -109,8 +109,8 @@ class RdtStream:
         self._wanted_buffer = receive_buffer
         self._make_receiver = make_receiver
         self._clock = clock
-        in_a_datagram = rdt.MOST_RECORDS if mode is Mode.BUFFERED else 1
-        self._watch = StreamWatch(max(PATIENCE, 5.0 * in_a_datagram / rate))
+        self._watch = StreamWatch()
+        self.expect_rate(rate)
         self._socket: socket.socket | None = None
         self._receiver: Receiver | None = None
         self._poll = select.poll()
@@ -119,6 +119,11 @@ class RdtStream:
         self._aborted = False
         self._malformed_row = 0
         self._early: Batch | None = None
+
+    def expect_rate(self, rate: float) -> None:
+        """Expect so many records per second, for what counts as silence."""
+        in_a_datagram = rdt.MOST_RECORDS if self._mode is Mode.BUFFERED else 1
+        self._watch.patience = max(PATIENCE, 5.0 * in_a_datagram / rate)
 
     @property
     def address(self) -> str:
@@ -301,9 +306,10 @@ class RdtStream:
             return early
         self._wait(begin, arrivals=False)
         while True:
+            looked = self._clock()
             batch = self._take()
             now = self._clock()
-            if self._watch.due(now):
+            if self._watch.due(looked, now):
                 self._start()
             if batch is not None or now >= deadline or self._aborted:
                 return batch

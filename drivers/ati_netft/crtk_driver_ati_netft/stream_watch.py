@@ -23,7 +23,7 @@ class StreamWatch:
     """The watch over one stream. It remembers over any number of connections.
 
     Args:
-        patience: seconds of silence that are no reason to ask.
+        patience: seconds of silence that are no reason to ask; may be set at any time.
     """
 
     def __init__(self, patience: float = PATIENCE) -> None:
@@ -31,7 +31,7 @@ class StreamWatch:
         """How often the stream had probably been taken."""
         self.requests = 0
         """Requests since the stream was heard last."""
-        self._patience = patience
+        self.patience = patience
         self._heard = -math.inf
         self._next = math.inf
         self._asked = -math.inf
@@ -44,7 +44,7 @@ class StreamWatch:
     def begin(self, now: float) -> None:
         """Want a new series from now on, also if one is there already."""
         self._begun = True
-        self._ended_by_us |= now - self._heard < self._patience
+        self._ended_by_us |= now - self._heard < self.patience
         self._next = max(now, self._heard + self._grudge)
         self._pause = FIRST_PAUSE
 
@@ -54,9 +54,15 @@ class StreamWatch:
         self._ended_by_us = True
         self._next = math.inf
 
-    def due(self, now: float) -> bool:
-        """Return whether to ask now; if so, it counts as asked."""
-        if now < self._next:
+    def due(self, looked: float, now: float) -> bool:
+        """Return whether to ask now; if so, it counts as asked.
+
+        Args:
+            looked: monotonic seconds at which one began to look for records; for who was held up since then,
+                some may have come.
+            now: monotonic seconds.
+        """
+        if looked < self._next:
             return False
         self._begun = False
         self.requests += 1
@@ -76,7 +82,7 @@ class StreamWatch:
         self._heard = now
         if self._begun:
             return False
-        prompt = self.requests == 1 and now - self._asked <= self._patience
+        prompt = self.requests == 1 and now - self._asked <= self.patience
         taken = new_series and prompt and not self._ended_by_us
         if taken:
             self.takeovers += 1
@@ -88,5 +94,5 @@ class StreamWatch:
         self._ended_by_us = False
         self.requests = 0
         self._pause = FIRST_PAUSE
-        self._next = now + max(self._patience, self._grudge)
+        self._next = now + max(self.patience, self._grudge)
         return taken

@@ -13,10 +13,10 @@ import numpy as np
 
 from crtk_driver_ati_netft import tcp49151
 from crtk_driver_ati_netft.profiles import Action
-from crtk_driver_ati_netft.sequence import Event
 from crtk_driver_ati_netft.stream import Batch
 from crtk_driver_ati_netft.tcp49151 import TcpChannel
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+from crtk_drivers.kit.sensing.sequence import Event
 from crtk_drivers.samples import Vector, vector
 
 
@@ -77,6 +77,7 @@ class TcpStream:
         try:
             self._factors = self._channel.calibration(deadline).factors
             self._held = self._looking = self._reading = False
+            self._bias = self._clear = False  # asked for before the connection was lost
             self._look_later()
             self._early = self.receive(deadline)
             if self._early is None:
@@ -142,11 +143,13 @@ class TcpStream:
             self._looking = not self._look(deadline)
             if self._looking:
                 return None
+        is_asked_now = not self._reading
         found = self._channel.read(deadline, bias=self._bias, clear_latch=self._clear)
+        if is_asked_now:
+            self._bias = self._clear = False
         self._reading = found is None
         if found is None:
             return None
-        self._bias = self._clear = False
         (status, values), when = found
         self._sequence += 1
         return Batch(

@@ -21,7 +21,6 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from crtk_driver_ati_netft import connecting, settings
-from crtk_driver_ati_netft.averaging import Average
 from crtk_driver_ati_netft.calibration import SensorInfo
 from crtk_driver_ati_netft.compensation import ToolFit, fit_tool
 from crtk_driver_ati_netft.config import NetFtConfig, SensorConfig
@@ -40,6 +39,7 @@ from crtk_drivers.errors import (
     DeviceFault,
 )
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from crtk_drivers.kit.averaging import Average
 from crtk_drivers.plugins import Tool
 from crtk_drivers.samples import Array, vector
 
@@ -239,9 +239,9 @@ def _keep_reading(
         try:
             if device.read(min(end, now + TOLD)) is not None:
                 heard = time.monotonic()
-            elif time.monotonic() > heard + device.config.sample_timeout:
+            elif now > heard + device.config.sample_timeout:  # who was held up looks once more
                 raise ConnectionLost("the measurements ended", where=f"ati-netft {device.address}")
-        except ConnectionLost as error:
+        except DeviceError as error:
             logger.warning("%s Connecting again.", error)
             device.close()
             _open_again(device, end, interrupts)
@@ -256,7 +256,7 @@ def _open_again(device: NetFtDevice, end: float, interrupts: list[int]) -> None:
         try:
             device.open(min(end, now + device.config.open_timeout))
             return
-        except ConnectionFailed as error:
+        except DeviceError as error:  # a sensor that has just been switched on says strange things
             logger.debug("%s", error)
             time.sleep(TOLD)
 
@@ -329,12 +329,13 @@ def _tell(progress: Progress, task: TaskID, share: float) -> None:
 
 def _measure(device: NetFtDevice, seconds: float, tell: Callable[[float], None]) -> Average:
     averaging = device.begin_average(seconds)
-    begin = time.monotonic()
+    begin = heard = time.monotonic()
     while not averaging.done:
-        device.read(time.monotonic() + 0.1)
-        elapsed = time.monotonic() - begin
-        tell(min(1.0, elapsed / seconds))
-        if averaging.spoilt or elapsed > seconds + device.config.sample_timeout:
+        looked = time.monotonic()
+        if device.read(looked + 0.1) is not None:
+            heard = time.monotonic()
+        tell(min(1.0, (time.monotonic() - begin) / seconds))
+        if averaging.spoilt or looked > heard + device.config.sample_timeout:
             raise DeviceFault(
                 averaging.spoilt or "the measurements ended",
                 where=f"ati-netft {device.address}",

@@ -10,34 +10,32 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
 from crtk_driver_canopen.axis import Axis, Feedback
 from crtk_driver_canopen.bus import BusAddress, CanLink
 from crtk_driver_canopen.candump import CandumpLog
-from crtk_driver_canopen.commissioning import Prepared, prepare
+from crtk_driver_canopen.commissioning import Prepared, prepare, read_cob_ids
 from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
 from crtk_driver_canopen.foreign import SYNC_TEXT, ForeignMaster
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
-from crtk_driver_canopen.jobs import NodeJobs, one_by_one
-from crtk_driver_canopen.layout import CobIds, Layout, plan
+from crtk_driver_canopen.jobs import NodeJobs
+from crtk_driver_canopen.layout import Layout, plan
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import WAYS, OpMode, Way
 from crtk_driver_canopen.objects import OBJECTS
-from crtk_driver_canopen.pdo import Pdo, read_cob_id
-from crtk_driver_canopen.safeguards import PositionLimits
+from crtk_driver_canopen.pdo import Pdo
 from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.signals import Outputs, Signals
 from crtk_driver_canopen.statemachine import Control, State
 from crtk_driver_canopen.stopping import RPDO_TIMEOUT, LastResort, quick_stop_frame, secure
 from crtk_driver_canopen.targets import UNHEARD, PositionTarget
 from crtk_driver_canopen.units import GroupUnits
 from crtk_driver_canopen.whereabouts import Whereabouts
-from crtk_drivers.device import Steps
-from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout
+from crtk_drivers.errors import ConnectionFailed, CrtkError
 from crtk_drivers.samples import Stamp
 
 logger = logging.getLogger(__name__)
@@ -64,21 +62,6 @@ JOB_SLICE: Final = 0.0005
 """Seconds for which a request of a job waits, while that time lasts: its thread wakes nobody."""
 
 
-class Outputs:
-    """What all drives are sent with the next SYNC, by joint; counts of the drives.
-
-    Attributes:
-        controlword, mode, position, velocity, torque: (n,) lists, to be changed.
-    """
-
-    def __init__(self, count: int) -> None:
-        self.controlword = [0] * count
-        self.mode = [0] * count
-        self.position = [0] * count
-        self.velocity = [0] * count
-        self.torque = [0] * count
-
-
 class ArmLink:
     """The bus of one arm, with its drives.
 
@@ -89,7 +72,8 @@ class ArmLink:
 
     def __init__(self, config: CanopenConfig, layout: Layout) -> None:
         self._config = config
-        self._layout = layout
+        self.layout = layout
+        """PDOs of its drives."""
         bus = config.bus
         address = BusAddress(bus.interface, bus.channel, bus.bitrate, dict(bus.options))
         self._log = CandumpLog(Path(config.candump), bus.channel) if config.candump else None
@@ -104,7 +88,8 @@ class ArmLink:
         self._foreign: ForeignMaster | None = None
         self._foreign_syncs = 0
         self._sent = True
-        self._jobs = NodeJobs()
+        self.jobs = NodeJobs()
+        """What goes on with nodes beside the cycle."""
         self.last_resort = LastResort(self)
         self.found: dict[str, str] = {}
         """In what powered or moving state the joints were found, in words, by name."""
@@ -116,9 +101,8 @@ class ArmLink:
         """The positions that the drives are really sent."""
         self.whereabouts: list[Whereabouts] = []
         """Where the drives are, as far as they can be believed."""
-        self._tells: list[int] = []
         self._unbegun = 0
-        self._places: dict[str, list[int | None]] = {}
+        self._signals = Signals(layout, [])
 
     @property
     def where(self) -> str:
@@ -179,7 +163,7 @@ class ArmLink:
 
     def _open(self, deadline: float) -> None:
         config = self._config
-        self._jobs.join(deadline)
+        self.jobs.join(deadline)
         self.last_resort.reset(deadline)
         self.link.open()
         timeouts = dict.fromkeys(config.nodes, config.heartbeat.drives_timeout)
@@ -191,15 +175,15 @@ class ArmLink:
             sdo_timeout=config.sdo_timeout,
         )
         self._foreign = ForeignMaster(self._master, config.master_node, config.nodes)
-        if not self._layout.asked:
-            self._foreign.watch(self._layout.rpdos.pdos)
+        if not self.layout.asked:
+            self._foreign.watch(self.layout.rpdos.pdos)
         self._foreign_syncs = 0
         self._stops_quickly.clear()
         self._listen(deadline)
         self._master.command(NmtCommand.PRE_OPERATIONAL)
-        if self._layout.asked:
-            self._layout = plan(config, self._read_cob_ids())
-            self._foreign.watch(self._layout.rpdos.pdos)
+        if self.layout.asked:
+            self.layout = plan(config, read_cob_ids(self._master, self.layout))
+            self._foreign.watch(self.layout.rpdos.pdos)
         self.found, self.held = secure(self, config)
         facts: dict[str, Prepared] = {}
         for node in config.nodes:
@@ -209,7 +193,7 @@ class ArmLink:
                     where=self.where,
                     remedy="Raise open_timeout.",
                 )
-            facts |= prepare(self._master, config, self._layout, [node])
+            facts |= prepare(self._master, config, self.layout, [node])
         self.axes = [Axis(name, joint, facts[name]) for name, joint in config.joints.items()]
         for axis in self.axes:
             if axis.name in self.held:
@@ -219,40 +203,19 @@ class ArmLink:
         overflow, period = config.sync_counter, config.period
         kernel = config.kernel_sync
         sync = KernelSync(self.link, period, overflow) if kernel else SentSync(self.link, overflow)
-        self._cycle = Cycle(self._master, self._layout.tpdos, self._layout.rpdos, sync)
-        self._tardy = [0] * len(self._layout.tpdos)
-        self._find_places()
-        self.targets = [self._target(axis) for axis in self.axes]
-        self.whereabouts = [
-            Whereabouts(
-                axis.facts.position,
-                axis.config.velocity / abs(axis.facts.units.position),
-                self._config.period,
-            )
-            for axis in self.axes
-        ]
+        self._cycle = Cycle(self._master, self.layout.tpdos, self.layout.rpdos, sync)
+        self._tardy = [0] * len(self.layout.tpdos)
+        self._signals = Signals(self.layout, self.axes)
+        self.targets, self.whereabouts = [], []
+        for axis in self.axes:
+            unit, joint = abs(axis.facts.units.position), axis.config
+            fastest, sharpest = joint.velocity / unit, joint.acceleration / unit
+            self.targets.append(PositionTarget(fastest * period, sharpest * period * period))
+            self.whereabouts.append(Whereabouts(axis.facts.position, fastest, period))
         for index, axis in enumerate(self.axes):
             self.outputs.position[index] = facts[axis.name].position
         self._start(config.nodes)
         self._settle(deadline)
-
-    def _target(self, axis: Axis) -> PositionTarget:
-        period, count = self._config.period, abs(axis.facts.units.position)
-        joint = axis.config
-        return PositionTarget(
-            joint.velocity * period / count, joint.acceleration * period * period / count
-        )
-
-    def _read_cob_ids(self) -> CobIds:
-        """Return the COB-IDs that the drives have for the PDOs that are used.
-
-        Raises:
-            DeviceError: a drive has none, or does not tell.
-        """
-        return {
-            (node, direction, number): read_cob_id(Sdo(self.master.sdo(node)), direction, number)
-            for node, direction, number in self._layout.asked
-        }
 
     def _listen(self, deadline: float) -> None:
         """See that nobody else commands these drives: a second master would stop them in motion.
@@ -354,23 +317,6 @@ class ArmLink:
         for node in self.deaf:
             self.master.emergencies.pop(node)
 
-    def give_limits(self, wanted: Mapping[Axis, PositionLimits]) -> Steps:
-        """Have drives hold limits of position (607D), beside the cycle.
-
-        Raises:
-            CrtkError: one does not answer as it should.
-        """
-        yield from self._jobs.until_over()
-        nodes: dict[int, list[Callable[[], None]]] = {}
-        for axis, limits in wanted.items():
-            sdo = Sdo(self.master.sdo(axis.config.node), axis.config.axis)
-            write = partial(axis.give_limits, sdo, limits)
-            nodes.setdefault(axis.config.node, []).append(write)
-        self._jobs.start({node: partial(one_by_one, writes) for node, writes in nodes.items()})
-        yield from self._jobs.until_over()
-        if self._jobs.errors:
-            raise self._jobs.errors[0]
-
     def stop_quickly(self) -> None:
         """Have all drives stop quickly, from any thread, without the one that owns the bus: it may be stuck.
 
@@ -389,62 +335,16 @@ class ArmLink:
 
     def rpdos(self, node: int) -> list[Pdo]:
         """Return what a node is sent."""
-        return [pdo for pdo in self._layout.rpdos.pdos if pdo.node == node]
+        return [pdo for pdo in self.layout.rpdos.pdos if pdo.node == node]
 
     @property
     def is_live(self) -> bool:
         """Whether the drives can be exchanged with, from this thread."""
         return self._cycle is not None and self.link.is_open and self.link.owned
 
-    def starts(self, nodes: set[int]) -> int:
-        """How many times these nodes have started, all together."""
-        return sum(self.master.watch.nodes[node].boot_ups for node in nodes)
-
-    def set_up_again(self, nodes: set[int]) -> Steps:
-        """Set up nodes anew, from threads of their own: the others go on with their cycle meanwhile.
-
-        Raises:
-            CrtkError: one is another device, does not answer, or does not start.
-        """
-        yield from self._jobs.until_over()  # those of an enable that was given up
-        self.restarted -= nodes
-        self.foreign.forget_commands(nodes)
-        for node in nodes:
-            self.master.command(NmtCommand.PRE_OPERATIONAL, node)
-        master, config, layout = self.master, self._config, self._layout
-        self._jobs.start({node: partial(prepare, master, config, layout, [node]) for node in nodes})
-        yield from self._jobs.until_over()
-        if self._jobs.errors:
-            self.restarted |= nodes
-            raise self._jobs.errors[0]
-        yield from self._start_again(nodes)
-
-    def _start_again(self, nodes: set[int]) -> Steps:
-        """Start nodes, and wait until they send their PDOs."""
-        for axis, where in zip(self.axes, self.whereabouts, strict=True):
-            if axis.config.node in nodes:
-                where.forget()
-        for node in nodes:
-            self.master.command(NmtCommand.START, node)
-            self.master.watch.nodes[node].state = None
-        deadline = time.monotonic() + NMT_TIME
-        while nodes & (self.left | self.late(0)):
-            if time.monotonic() > deadline:
-                self.restarted |= nodes
-                raise DataTimeout(
-                    f"no PDOs come from node {', '.join(map(str, sorted(nodes & self.late(0))))}, "
-                    "although it was set up again",
-                    where=self.where,
-                    remedy="Does it start again and again? Check its power supply.",
-                )
-            yield
-        now = time.monotonic()
-        for node in nodes:
-            self.master.watch.nodes[node].seen = now
-
     def tardy(self, cycles: int) -> set[int]:
         """Nodes of which a PDO has come after its cycle, or not at all, more than `cycles` times in a row."""
-        pdos = zip(self._layout.tpdos.pdos, self._tardy, strict=True)
+        pdos = zip(self.layout.tpdos.pdos, self._tardy, strict=True)
         return {pdo.node for pdo, count in pdos if count > cycles and pdo.transmission == 1}
 
     def late(self, cycles: int) -> set[int]:
@@ -456,36 +356,12 @@ class ArmLink:
         cycle, self._cycle = self._cycle, None
         if cycle is not None:
             cycle.stop()
+        if self._master is not None:
+            self._master.close()
         self.link.close()
         self._master = self._foreign = None
         if self._log is not None:
             self._log.close()
-
-    def _find_places(self) -> None:
-        """Look up where each value of each joint is among those of all PDOs."""
-        self._places = {}
-        groups = (
-            (self._layout.tpdos, ("statusword", "position_actual", "mode_of_operation_display")),
-            (self._layout.tpdos, ("velocity_actual", "torque_actual")),
-            (self._layout.rpdos, ("controlword", "mode_of_operation", "target_position")),
-            (self._layout.rpdos, ("interpolation_position", "target_velocity", "target_torque")),
-        )
-        for group, names in groups:
-            for name in names:
-                found = group.places(OBJECTS[name])
-                self._places[name] = [
-                    found.get((axis.config.node, axis.config.axis)) for axis in self.axes
-                ]
-        tells = {
-            (pdo.node, entry): slot
-            for slot, pdo in enumerate(self._layout.tpdos.pdos)
-            for entry in pdo.entries
-        }
-        position = OBJECTS["position_actual"]
-        self._tells = [
-            tells[axis.config.node, position.on_axis(axis.config.axis)] for axis in self.axes
-        ]
-        self._count = sum(len(pdo.entries) for pdo in self._layout.rpdos.pdos)
 
     # ------------------------------------------------------------------------------------ exchange
 
@@ -511,9 +387,9 @@ class ArmLink:
         now = time.monotonic()
         self.stamp = Stamp(time.time_ns(), now)
         collected = now + COLLECT * period
-        if self._jobs.running:
+        if self.jobs.running:
             complete = self.cycle.collect(collected, JOB_SLICE)
-            self.cycle.serve(collected, JOB_SLICE, lambda: self._jobs.running)
+            self.cycle.serve(collected, JOB_SLICE, lambda: self.jobs.running)
         else:
             complete = self.cycle.collect(collected)
         self._tardy = [
@@ -524,16 +400,20 @@ class ArmLink:
             self.foreign.note(SYNC_TEXT, now)
         for event in self.master.take_events():
             logger.warning("%s: %s", self.where, event)
-            if isinstance(event, BootUp) and event.node in self._config.nodes:
+            if event.node not in self._config.nodes:
+                continue
+            if isinstance(event, BootUp):
                 self._note_boot_up(event.node)
+            elif event.home_lost:
+                self._note_home_lost(event.node)
         self._locate(now)
         return complete and not any(each.strange for each in self.whereabouts)
 
     def _locate(self, now: float) -> None:
         """Take where the drives say that they are, of those that have told."""
-        told, ages = self._picked("position_actual", self.cycle.values), self.cycle.ages
+        told, ages = self._signals.picked("position_actual", self.cycle.values), self.cycle.ages
         for axis, position, slot, where in zip(
-            self.axes, told, self._tells, self.whereabouts, strict=True
+            self.axes, told, self._signals.position_slots, self.whereabouts, strict=True
         ):
             if not ages[slot]:
                 homes = axis.mode is OpMode.HM or axis.homing is not None
@@ -544,21 +424,23 @@ class ArmLink:
         """What was known of a node is not true any more."""
         self.restarted.add(node)
         self.master.emergencies.pop(node, None)
+        self._note_home_lost(node)
+
+    def _note_home_lost(self, node: int) -> None:
+        """A drive does not know any more where its joints are."""
         for axis in self.axes:
             if axis.config.node == node:
-                axis.note_boot_up()
+                axis.note_home_lost()
 
     def follow(self) -> None:
         """Step the axes by what they told, and make what they are sent harmless where they follow nothing."""
         now, outputs = time.monotonic(), self.outputs
         values = self.cycle.values
-        words = self._picked("statusword", values)
+        words = self._signals.picked("statusword", values)
         positions = self.positions
-        modes = self._places["mode_of_operation_display"]
+        modes = self._signals.shown("mode_of_operation_display", values)
         for index, axis in enumerate(self.axes):
-            place = modes[index]
-            shown = None if place is None else values[place]
-            feedback = Feedback(words[index], positions[index], shown)
+            feedback = Feedback(words[index], positions[index], modes[index])
             outputs.controlword[index] = axis.step(feedback, now)
             if self._stops_quickly.is_set() and axis.drive.goal is State.ENABLED:
                 axis.drive.request(State.QUICK_STOP)
@@ -573,24 +455,12 @@ class ArmLink:
         Raises:
             BusLost: the bus cannot be used.
         """
-        outputs, values = self.outputs, [0] * self._count
+        outputs = self.outputs
         for index, axis in enumerate(self.axes):  # also what was worked out before
             stops = axis.is_enabled and axis.drive.goal is State.QUICK_STOP
             if stops or self._stops_quickly.is_set():
                 outputs.controlword[index] = int(Control.QUICK_STOP)
-        positions = self._positions_to_send()
-        for name, column in (
-            ("controlword", outputs.controlword),
-            ("mode_of_operation", outputs.mode),
-            ("target_position", positions),
-            ("interpolation_position", positions),
-            ("target_velocity", outputs.velocity),
-            ("target_torque", outputs.torque),
-        ):
-            for place, value in zip(self._places[name], column, strict=True):
-                if place is not None:
-                    values[place] = value
-        self.cycle.send(values)
+        self.cycle.send(self._signals.sent(outputs, self._positions_to_send()))
         self._sent = True
 
     def _positions_to_send(self) -> list[int]:
@@ -607,10 +477,7 @@ class ArmLink:
     def heard(self) -> list[bool]:
         """Which axes (n,) tell where they are."""
         ages, unbegun = self.cycle.ages, self._unbegun
-        return [ages[slot] + unbegun <= UNHEARD for slot in self._tells]
-
-    def _picked(self, name: str, values: tuple[int, ...]) -> list[int]:
-        return [0 if place is None else values[place] for place in self._places[name]]
+        return [ages[slot] + unbegun <= UNHEARD for slot in self._signals.position_slots]
 
     @property
     def positions(self) -> list[int]:
@@ -620,17 +487,12 @@ class ArmLink:
     @property
     def velocities(self) -> list[int] | None:
         """How fast they are (n,); None if that is not measured."""
-        return self._measured("velocity_actual")
+        return self._signals.measured("velocity_actual", self.cycle.values)
 
     @property
     def torques(self) -> list[int] | None:
         """Their torques (n,) in thousandths of the rated one; None if that is not measured."""
-        return self._measured("torque_actual")
-
-    def _measured(self, name: str) -> list[int] | None:
-        if None in self._places[name]:
-            return None
-        return self._picked(name, self.cycle.values)
+        return self._signals.measured("torque_actual", self.cycle.values)
 
     @property
     def age(self) -> int:

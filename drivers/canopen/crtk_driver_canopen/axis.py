@@ -131,8 +131,10 @@ class Axis:
         """Its position does not count any more until it has been homed, where it can be."""
         self.homed = self.config.homing is None
 
-    def note_boot_up(self) -> None:
-        """Its drive has started anew: what it counts from is not known any more, where homing is required."""
+    def note_home_lost(self) -> None:
+        """What its drive counts from is not known any more, where homing is required: it has started anew,
+        or says so.
+        """
         self.homed = not self._must_be_homed
 
     def found_mirrored(self, position: int) -> bool:

@@ -47,6 +47,9 @@ Record = Callable[[Frame], None]
 FULL_LIMIT: Final = 2
 """Cycles in a row in which there may be no room to send."""
 
+_OVERDUE: Final = 1024
+"""Frames that are taken when the time is over: those that waited, but not all that a babbling node sends."""
+
 _SLICE: Final = 0.005
 """Longest wait for a frame at once, in s: what other threads have handed over is sent after it."""
 
@@ -359,18 +362,20 @@ class CanLink:
             BusLost: the bus cannot be used.
             ConnectionFailed: opening was aborted.
         """
-        until = min(until, self.give_up_at)
-        while True:
+        until, overdue = min(until, self.give_up_at), 0
+        while overdue < _OVERDUE:
             self.check_aborted()
             self.send_posted()
             if done is not None and done():
                 return True
             now = time.monotonic()
             frame = self.receive(min(until - now, _SLICE))
+            overdue += now >= until
             if frame is not None:
                 self.dispatch(frame, time.monotonic())
             elif now >= until:
                 return False
+        return False
 
     def abort_open(self) -> None:
         """End an opening that waits, and let later ones fail. From any thread."""

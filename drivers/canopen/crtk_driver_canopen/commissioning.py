@@ -10,16 +10,25 @@ import logging
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from crtk_driver_canopen.config import MODE_NAMES, CanopenConfig, HomingConfig, JointConfig
+from crtk_driver_canopen.drive_profile import PLAIN, DriveProfile, kin, named, of_identity
 from crtk_driver_canopen.heartbeat import ensure_abort_option, ensure_heartbeat
 from crtk_driver_canopen.identity import Identity, check_identity, read_identity
-from crtk_driver_canopen.layout import Layout
+from crtk_driver_canopen.layout import CobIds, Layout
 from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.modes import MODES, OpMode, Way, mode_text, supported
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType
 from crtk_driver_canopen.parameters import write_parameters
-from crtk_driver_canopen.pdo import MOST_PDOS, Direction, configure, disable, set_deadline
+from crtk_driver_canopen.pdo import (
+    MOST_PDOS,
+    Direction,
+    configure,
+    disable,
+    read_cob_id,
+    set_deadline,
+)
 from crtk_driver_canopen.profiles import ProfileRates
 from crtk_driver_canopen.safeguards import (
     PositionLimits,
@@ -126,10 +135,12 @@ def _node(
     found = sdo.find(OBJECTS["synchronous_counter_overflow"])
     if config.sync_counter or found:
         sdo.ensure(OBJECTS["synchronous_counter_overflow"], config.sync_counter)
-    made = {
-        name: _axis(Sdo(master.sdo(node), joint.axis), config, name, joint, identity, notes)
-        for name, joint in joints.items()
-    }
+    made = {}
+    for name, joint in joints.items():
+        profile = named(joint.profile) or _by_identity(identity, notes)
+        master.profiles[node] = profile
+        axis = Sdo(master.sdo(node), joint.axis)
+        made[name] = _axis(axis, config, name, joint, identity, profile, notes)
     _map(sdo, layout, node)
 
     def set_deadlines() -> None:
@@ -164,9 +175,10 @@ def _axis(
     name: str,
     joint: JointConfig,
     identity: Identity,
+    profile: DriveProfile,
     notes: list[str],
 ) -> Prepared:
-    modes = _modes(sdo, name, joint)
+    modes = _modes(sdo, name, joint, profile)
     write_parameters(sdo, name, joint, notes)
     halts = config.drives_plan or joint.homing is not None
     _watched(config, lambda: ensure_options(sdo, name, joint, notes, halts=halts), notes)
@@ -177,11 +189,11 @@ def _axis(
         value, exponent = interpolation_period(config.period)
         sdo.ensure(OBJECTS["interpolation_period_value"], value)
         sdo.ensure(OBJECTS["interpolation_period_exponent"], exponent)
-    drive = read_unit_objects(sdo)
+    drive = read_unit_objects(sdo, profile)
     units = resolve(name, joint, drive)
     _profile(sdo, joint, units, notes, moves=config.drives_plan)
     if joint.homing is not None:
-        _homing(sdo, joint.homing, units)
+        _homing(sdo, name, joint.homing, units, profile)
     check_wire(name, joint, units)
     if Way.EFFORTS in joint.ways and math.isnan(units.effort):
         raise ConfigError(
@@ -198,15 +210,36 @@ def _axis(
         limits = limits if write_position_limits(sdo, joint, limits, notes) else None
     if Way.POSITIONS in joint.ways:
         note_following_error(sdo, notes)
+    if abs(units.velocity) > _COARSE * joint.velocity:
+        notes.append(
+            f"velocities count in steps of {abs(units.velocity):.3g} (60A9h): slower ones are 0, and a joint "
+            "at one step or less counts as standing; a finer unit in the drive tells more"
+        )
     stays = sdo.find(OBJECTS["quick_stop_option"]) in STAYS_IN_QUICK_STOP
     return Prepared(identity, drive, units, modes, position, limits, stays, tuple(notes))
 
 
-def _modes(sdo: Sdo, name: str, joint: JointConfig) -> frozenset[OpMode]:
+_COARSE: Final = 0.02
+"""Share of its limit from which the step of a joint's velocity is told."""
+
+
+def _by_identity(identity: Identity, notes: list[str]) -> DriveProfile:
+    """Return the profile of a drive by who it is; where it may have one all the same, that is noted."""
+    profile = of_identity(identity)
+    other = kin(identity) if profile is PLAIN else ""
+    if other:
+        notes.append(
+            f"another product ({identity}) of the maker of {other}: it is used as CiA 402 says; give "
+            f"`profile: {other}` if it is one of these"
+        )
+    return profile
+
+
+def _modes(sdo: Sdo, name: str, joint: JointConfig, profile: DriveProfile) -> frozenset[OpMode]:
     word = sdo.find(OBJECTS["supported_drive_modes"])
     if word is None:
         return frozenset(MODES)  # it does not tell: the first change of mode will
-    modes = supported(word)
+    modes = supported(word) | profile.more_modes
     wanted = set(joint.op_modes) | ({OpMode.HM} if joint.homing is not None else set())
     missing = sorted(wanted - modes)
     if missing:
@@ -222,7 +255,11 @@ def _modes(sdo: Sdo, name: str, joint: JointConfig) -> frozenset[OpMode]:
 def _mode_remedy(name: str, modes: frozenset[OpMode]) -> str:
     usable = [text for text, mode in MODE_NAMES.items() if mode in modes]
     given = f"Give `joints.{name}.modes` of {', '.join(usable)}" if usable else "Use another drive"
-    return f"{given}{'' if OpMode.HM in modes else ', and no `homing`'}."
+    homing = "" if OpMode.HM in modes else ", and no `homing`"
+    return (
+        f"{given}{homing}; or, if it has the mode although 6502h does not name it, a `profile` that "
+        "says so."
+    )
 
 
 def _profile(
@@ -244,7 +281,9 @@ def _profile(
             notes.append(f"it has no {name.replace('_', ' ')}: its ramps are its own")
 
 
-def _homing(sdo: Sdo, homing: HomingConfig, units: JointUnits) -> None:
+def _homing(
+    sdo: Sdo, name: str, homing: HomingConfig, units: JointUnits, profile: DriveProfile
+) -> None:
     sdo.ensure(OBJECTS["homing_method"], homing.method)
     rates = {
         "homing_speed_switch": homing.speed_switch,
@@ -255,8 +294,16 @@ def _homing(sdo: Sdo, homing: HomingConfig, units: JointUnits) -> None:
         if rate is not None:
             sdo.ensure(OBJECTS[name], round(rate / abs(units.velocity)))
     if homing.position is not None:
+        entry = profile.home_entry
+        if sdo.find(entry) is None:
+            raise DeviceError(
+                f"joint {name}: the drive has no {entry}, which takes the position at the home point",
+                where=sdo.where,
+                remedy=f"Leave `joints.{name}.homing.position` out, and give `offset` for where the drive "
+                "counts 0; or give a `profile` with its `home_position`.",
+            )
         counts = home_counts(homing.position, units)
-        sdo.ensure(OBJECTS["home_offset"], -counts if homing.home_offset == "zero" else counts)
+        sdo.ensure(entry, -counts if homing.home_offset == "zero" else counts)
 
 
 def _map(sdo: Sdo, layout: Layout, node: int) -> None:
@@ -282,3 +329,15 @@ def _map(sdo: Sdo, layout: Layout, node: int) -> None:
         sdo.ensure(
             cob_id, 0x80, "The node would produce SYNC itself, or take another COB-ID for it."
         )
+
+
+def read_cob_ids(master: Master, layout: Layout) -> CobIds:
+    """Return the COB-IDs that the drives have for the PDOs that a layout asks for.
+
+    Raises:
+        DeviceError: a drive has none, or does not tell.
+    """
+    return {
+        (node, direction, number): read_cob_id(Sdo(master.sdo(node)), direction, number)
+        for node, direction, number in layout.asked
+    }

@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from crtk_driver_canopen.drive_profile import AUTO, NONE, built_in
 from crtk_driver_canopen.homing import METHODS
 from crtk_driver_canopen.identity import Identity
 from crtk_driver_canopen.modes import WAYS, OpMode, Way
@@ -104,7 +105,9 @@ class HomingConfig(Settings):
         default=None, gt=0.0, description="Acceleration (609Ah), in rad/s² (m/s²)."
     )
     position: float | None = Field(
-        default=None, description="Position of the joint at the home point (607Ch), in rad (m)."
+        default=None,
+        description="Position of the joint at the home point (607Ch, or what its profile has for it), in "
+        "rad (m).",
     )
     home_offset: Literal["position", "zero"] = Field(
         default="position",
@@ -141,6 +144,13 @@ class JointConfig(Settings):
         description="EDS or DCF file of the drive: names and types of objects, and values to write.",
     )
     identity: IdentityConfig = Field(default=IdentityConfig(), description="Who the node must be.")
+    profile: str = Field(
+        default=AUTO,
+        min_length=1,
+        max_length=4096,
+        description="What its make does otherwise than CiA 402: a name (epos4), a .toml file, none, or "
+        "auto: by its identity (1018h).",
+    )
     kind: Literal["revolute", "prismatic"] = Field(default="revolute", description="Of the joint.")
     scale: float | None = Field(
         default=None,
@@ -285,6 +295,17 @@ class JointConfig(Settings):
         default="predefined",
         description="The same of its TPDOs (18xxh:1).",
     )
+
+    @field_validator("profile")
+    @classmethod
+    def _known_profile(cls, name: str) -> str:
+        known = (AUTO, NONE, *sorted(built_in()))
+        if name not in known and not name.endswith(".toml"):
+            raise ValueError(
+                f"there is no drive profile {name!r}, but {', '.join(known)}, and .toml files: "
+                "'crtk-driver canopen profile EDS' writes one"
+            )
+        return name
 
     @field_validator("parameters")
     @classmethod

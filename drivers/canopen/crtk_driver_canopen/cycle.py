@@ -140,7 +140,7 @@ class KernelSync:
         self._period = period
         self._messages = [message_of(frame) for frame in _sync_frames(overflow)]
         self._task: can.broadcastmanager.CyclicSendTaskABC | None = None
-        self._began = 0.0
+        self._began = self._heard = 0.0
         self._received = 0
 
     def is_ours(self, frame: Frame, now: float, awaited: bool) -> bool:
@@ -156,7 +156,9 @@ class KernelSync:
         """
         if not frame.own:
             return False
-        if awaited and now - self._began > _COUNTED:
+        before, self._heard = self._heard, now
+        is_in_time = awaited and now - before < 2.0 * self._period  # else others lie behind it
+        if is_in_time and now - self._began > _COUNTED:
             self._began, self._received = now, 0
         if self._received >= (now - self._began) / self._period + _SPARE:
             return False

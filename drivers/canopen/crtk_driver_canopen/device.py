@@ -5,55 +5,44 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
 from typing_extensions import override
 
-from crtk_driver_canopen.arm_link import COLLECT, ArmLink
+from crtk_driver_canopen.arm_link import ArmLink
+from crtk_driver_canopen.arm_promises import capabilities_of
 from crtk_driver_canopen.axis import Axis
 from crtk_driver_canopen.bus_state import lost
-from crtk_driver_canopen.config import CanopenConfig, JointConfig
+from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.homing import HomingPhase
 from crtk_driver_canopen.layout import plan
-from crtk_driver_canopen.modes import Way
-from crtk_driver_canopen.motion import STREAMED, Motion, braking_time
+from crtk_driver_canopen.motion import Motion
+from crtk_driver_canopen.renewal import Renewal
 from crtk_driver_canopen.statemachine import State, Status
 from crtk_driver_canopen.stopping import leave_holding
-from crtk_driver_canopen.targets import UNHEARD
+from crtk_driver_canopen.troubles import Troubles
 from crtk_drivers.device import (
     Capabilities,
     Condition,
     Device,
-    Following,
     Goal,
-    JointLimits,
     MoveProgress,
     Note,
     Setpoint,
     Severity,
     Steps,
-    StopPolicy,
 )
-from crtk_drivers.errors import ConnectionLost, CrtkError, TransitionFailed
+from crtk_drivers.errors import ConnectionLost, TransitionFailed
 from crtk_drivers.kit import until
 from crtk_drivers.samples import JointState, Sample, Value, vector
 from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
 
-STOP_TIME: Final = 1.0
-"""Seconds beside those of slowing down in which a stop is done: modes change, drives are insisted on."""
-
-LAG: Final = 0.05
-"""Seconds by which a joint may be behind its setpoint, beside the cycles that it takes on the bus."""
-
-_JERK_TIME: Final = 0.1
-"""Seconds in which a joint may reach its greatest acceleration, unless its jerk is configured."""
-
 LOST_TIME: Final = 0.25
-"""Seconds in which no drive tells anything, after which the bus is opened anew."""
+"""Seconds in which no drive tells anything, after which the bus is opened anew; or `missed_cycles`."""
 
 POWER_TIME: Final = 1.0
 """Seconds in which the drives lose their power at the end."""
@@ -77,10 +66,12 @@ class CanopenDevice(Device):
         layout = plan(config)
         self.link = ArmLink(config, layout)
         self._bus_load = layout.load.most
-        self._patience = max(config.missed_cycles, math.ceil(LOST_TIME / config.period))
-        self._capabilities = _capabilities(config)
+        self._capabilities = capabilities_of(config)
         self._condition = Condition()
         self._motion = Motion(config, self.link)
+        self._patience = max(config.missed_cycles, math.ceil(LOST_TIME / config.period))
+        self._troubles = Troubles(config, self.link, self._motion, self._patience)
+        self._renewal = Renewal(config, self.link)
         self._transition = False
 
     @property
@@ -154,7 +145,7 @@ class CanopenDevice(Device):
                 axis.drive.request(State.DISABLED if stopped else State.QUICK_STOP)
         gone = self._run_until(lambda: not self._powered, POWER_TIME)
         if not stopped or not gone:
-            unheard = [f"node {node}" for node in sorted(self._missing(time.monotonic()))]
+            unheard = [f"node {node}" for node in sorted(self._troubles.missing(time.monotonic()))]
             powered = ", ".join([*(axis.place for axis in self._powered), *unheard])
             logger.error(
                 "%s: closed, and it was not read back that the joints stand and are without power%s; "
@@ -166,7 +157,7 @@ class CanopenDevice(Device):
     @property
     def _powered(self) -> list[Axis]:
         """The axes that tell that they have power."""
-        missing = self._missing(time.monotonic())
+        missing = self._troubles.missing(time.monotonic())
         return [axis for axis in self.axes if axis.is_powered and axis.config.node not in missing]
 
     def _run_until(self, done: Callable[[], bool], seconds: float) -> bool:
@@ -203,7 +194,7 @@ class CanopenDevice(Device):
         self._motion.step(now)
         if not complete:
             self._motion.note_unknown()
-        if link.age * self._config.period > LOST_TIME:
+        if link.age > self._patience:
             raise lost(link.where)
         if not complete:
             # The link is there, and the fault tells who is missing.
@@ -231,80 +222,17 @@ class CanopenDevice(Device):
     # ------------------------------------------------------------------------------- what is wrong
 
     def _judge(self, unstopped: list[Axis], now: float) -> None:
-        missing = self._missing(now)
-        trouble = self._trouble(missing, unstopped, now)
+        missing = self._troubles.missing(now)
+        trouble = self._troubles.told(missing, unstopped, now)
         if not trouble:
             self._condition = Condition()
             return
         if not self._transition:
-            self._group_policy({*missing, *self.link.deaf}, begins=not self._condition.reason)
+            self._troubles.group_policy(
+                {*missing, *self.link.deaf}, begins=not self._condition.reason
+            )
         if trouble != self._condition.reason:
             self._condition = Condition(OperatingState.FAULT, trouble)
-
-    def _trouble(self, missing: Mapping[int, str], unstopped: list[Axis], now: float) -> str:
-        link = self.link
-        found = [text for text in (link.foreign.found(now), self._motion.fault) if text]
-        found += [f"node {node} does not get our PDOs" for node in sorted(link.deaf)]
-        found += [f"{axis.place} moves although it was told to stop" for axis in unstopped]
-        for axis in self.axes:
-            if axis.config.node in missing:
-                continue  # what it said last is not what it is now
-            emergency = link.master.emergencies.get(axis.config.node)
-            told = f" ({emergency})" if emergency is not None else ""
-            if axis.failure:
-                found.append(f"{axis.place}: {axis.failure}{told}")
-            elif axis.drive.state is State.FAULT:
-                found.append(f"{axis.place} is in fault{told}")
-        return "; ".join([*found, *(missing[node] for node in sorted(missing))])
-
-    def _missing(self, now: float) -> dict[int, str]:
-        """Return the nodes of which is not known what they do, with what is known."""
-        link = self.link
-        in_time = 1000 * COLLECT * self._config.period
-        missing = {
-            node: f"node {node} sends its PDOs too late: not within {in_time:.3g} ms of any SYNC"
-            for node in link.tardy(self._patience)
-        }
-        missing |= {
-            axis.config.node: f"{axis.place} tells that it is at {where.told} counts, where it cannot have "
-            f"come to from {where.position}; if it was given another position, switch it off and on, or "
-            "start the driver again"
-            for axis, where in zip(self.axes, link.whereabouts, strict=True)
-            if where.strange > UNHEARD
-        }
-        late = link.late(self._config.missed_cycles)
-        missing |= {node: f"node {node} does not send its PDOs" for node in late}
-        missing |= {
-            node: f"node {node} is not heard any more"
-            for node in link.master.watch.lost(now)
-            if node in self._config.nodes
-        }
-        for nodes, what in (
-            (link.left, "is not operational any more"),
-            (link.restarted, "has started anew"),
-        ):
-            for node in nodes:
-                command = link.foreign.command_to(node)
-                why = f" ({command})" if command else ""
-                missing[node] = (
-                    f"node {node} {what}{why}: it is set up again when the arm is enabled"
-                )
-        return missing
-
-    def _group_policy(self, missing: set[int], *, begins: bool) -> None:
-        """One axis has a fault: when it begins, have the others do what is configured.
-
-        A drive of which nothing is known stops: when it hears us again, it may not be where it was.
-        """
-        goal = {"quick_stop": State.QUICK_STOP, "disable": State.DISABLED}.get(
-            self._config.on_joint_fault
-        )
-        for axis in self.axes:
-            wanted = goal if begins else None
-            if axis.config.node in missing and axis.drive.goal is State.ENABLED:
-                wanted = State.QUICK_STOP
-            if wanted is not None and axis.is_enabled:
-                axis.drive.request(wanted)
 
     # -------------------------------------------------------------------------------------- motion
 
@@ -332,6 +260,11 @@ class CanopenDevice(Device):
         self._motion.stop()
         if not self.link.link.owned:
             self.link.stop_quickly()
+
+    @property
+    @override
+    def velocity_steps(self) -> tuple[float, ...]:
+        return self.link.units.velocity_steps
 
     @property
     @override
@@ -363,12 +296,12 @@ class CanopenDevice(Device):
         self.link.forget_deafness()
         self.link.forget_quick_stop()
         try:
-            yield from self._set_up_again()
+            yield from self._renewal.set_up_again(self._motion.rates.note_set_up)
             yield from self._rest()  # a ramp that follows a fault is not cut off
             self._motion.begin_anew(time.monotonic())
             yield from self._clear_faults()
-            self._check_whereabouts()
-            yield from self._give_limits(
+            self._troubles.check_whereabouts()
+            yield from self._renewal.give_limits(
                 axis
                 for axis, position in zip(self.axes, self.link.positions, strict=True)
                 if axis.limits is not None and not axis.limits.hold(position)
@@ -384,26 +317,6 @@ class CanopenDevice(Device):
             raise
         finally:
             self._transition = False
-
-    def _check_whereabouts(self) -> None:
-        """See that each joint stands where one of its range can: its target will be there when it gets power.
-
-        Raises:
-            TransitionFailed: one does not.
-        """
-        positions = self.link.units.positions(self.link.positions)
-        astray = [
-            f"{axis.place} tells that it is at {position:.4g}, where no joint of its range can stand "
-            f"({axis.config.lower:.4g} to {axis.config.upper:.4g})"
-            for axis, position in zip(self.axes, positions.tolist(), strict=True)
-            if axis.is_astray(position)
-        ]
-        if astray:
-            raise TransitionFailed(
-                "; ".join(astray),
-                where=self.link.where,
-                remedy="Check its encoder, and the gear, offset and range that are configured.",
-            )
 
     @override
     def resume(self) -> Steps:
@@ -430,48 +343,6 @@ class CanopenDevice(Device):
         yield
         yield from until(lambda: self._motion.at_rest, REST_TIME)
 
-    def _give_limits(self, axes: Iterable[Axis]) -> Steps:
-        """Have drives hold limits in which their joints stand: beyond them one would move when it gets power.
-
-        Raises:
-            TransitionFailed: a drive does not answer as it should.
-        """
-        positions = dict(zip(self.axes, self.link.positions, strict=True))
-        wanted = {axis: axis.limits_here(positions[axis]) for axis in axes}
-        if not wanted:
-            return
-        try:
-            yield from self.link.give_limits(wanted)
-        except ConnectionLost:
-            raise
-        except CrtkError as error:
-            raise TransitionFailed(
-                error.message, where=error.where or self.link.where, remedy=error.remedy
-            ) from error
-
-    def _set_up_again(self) -> Steps:
-        """Set up the nodes that are not as they were left, and again those that start meanwhile."""
-        link = self.link
-        while nodes := self._changed():
-            starts = link.starts(nodes)
-            try:
-                yield from link.set_up_again(nodes)
-                self._motion.note_set_up(nodes)
-            except ConnectionLost:
-                raise
-            except CrtkError as error:
-                if link.starts(nodes) != starts:
-                    continue
-                raise TransitionFailed(
-                    error.message, where=error.where or link.where, remedy=error.remedy
-                ) from error
-
-    def _changed(self) -> set[int]:
-        link = self.link
-        lost = link.master.watch.lost(time.monotonic())
-        nodes = link.restarted | link.left | link.late(self._config.missed_cycles)
-        return nodes | (set(lost) & set(self._config.nodes))
-
     def _clear_faults(self) -> Steps:
         """Reset the faults that are there, once."""
         faults = (State.FAULT, State.FAULT_REACTION)
@@ -488,7 +359,7 @@ class CanopenDevice(Device):
         """
         while True:
             now = time.monotonic()
-            missing = self._missing(now)
+            missing = self._troubles.missing(now)
             failures = [f"{axis.place}: {axis.failure}" for axis in self.axes if axis.failure]
             failures += [f"node {node} does not get our PDOs" for node in sorted(self.link.deaf)]
             foreign = self.link.foreign.found(now)
@@ -528,29 +399,14 @@ class CanopenDevice(Device):
                 )
             yield  # the position may come with a later SYNC than the end of homing
             yield
-            self._check_home(axes)
-            yield from self._give_limits(axes)
+            self._troubles.check_home(axes)
+            yield from self._renewal.give_limits(axes)
             for axis in axes:
                 axis.homed = True
         finally:
             self._motion.end_homing(time.monotonic())
         while self._motion.changes:
             yield
-
-    def _check_home(self, axes: list[Axis]) -> None:
-        """See that the home offsets were taken as they were meant.
-
-        Raises:
-            TransitionFailed: an axis stands at the negative of its home position.
-        """
-        positions = dict(zip(self.axes, self.link.positions, strict=True))
-        mirrored = [axis.place for axis in axes if axis.found_mirrored(positions[axis])]
-        if mirrored:
-            raise TransitionFailed(
-                f"after homing, these stand at the negative of their home position: {', '.join(mirrored)}",
-                where=self.link.where,
-                remedy="The drive takes the home offset (607Ch) the other way: change `homing.home_offset`.",
-            )
 
     @override
     def unhome(self) -> Steps:
@@ -589,56 +445,3 @@ class CanopenDevice(Device):
             Note(Severity.WARNING, axis.place, text) for axis in self.axes for text in axis.notes
         ]
         return tuple(told)
-
-
-def _capabilities(config: CanopenConfig) -> Capabilities:
-    joints = config.joints
-    modes = {mode for mode, way in STREAMED.items() if way in config.ways}
-    timeout = config.heartbeat.ours_timeout
-    unasked = [name for name, joint in joints.items() if joint.abort_option in (None, 0)]
-    what = "each drive stops by itself when it misses our heartbeat" if timeout else "nothing"
-    if timeout and unasked:
-        what += f", but what is set in the drive decides for {', '.join(unasked)}"
-    return Capabilities(
-        joints=tuple(joints),
-        limits=tuple(map(_limits, joints.values())),
-        modes=frozenset(modes),
-        native_moves=frozenset({"move_jp"} if config.drives_plan else ()),
-        needs_homing=any(joint.homing is not None for joint in joints.values()),
-        stops_between_modes=True,
-        rate=1.0 / config.period,
-        paced_by_stream=config.kernel_sync,
-        writes_every_cycle=True,
-        stop=StopPolicy(timeout, what, braking_time(config) + STOP_TIME),
-        following=_following(config),
-        velocity_resolution=tuple(map(_velocity_step, joints.values())),
-    )
-
-
-def _velocity_step(joint: JointConfig) -> float:
-    """Return rad/s (m/s) for one unit of velocity, as far as the configuration alone tells; else 0."""
-    units = joint.known_units
-    step = units.position if math.isnan(units.velocity) else units.velocity
-    return 0.0 if math.isnan(step) else abs(step)
-
-
-def _following(config: CanopenConfig) -> Following | None:
-    joints = config.joints.values()
-    if not joints or Way.POSITIONS not in config.ways:
-        return None
-    return Following(
-        error=tuple(joint.following for joint in joints),
-        arrival=tuple(joint.arrives_within for joint in joints),
-        lag=LAG + 3.0 * config.period,
-    )
-
-
-def _limits(joint: JointConfig) -> JointLimits:
-    return JointLimits(
-        lower=joint.lower,
-        upper=joint.upper,
-        velocity=joint.velocity,
-        acceleration=joint.acceleration,
-        jerk=joint.acceleration / _JERK_TIME if joint.jerk is None else joint.jerk,
-        effort=joint.effort,
-    )

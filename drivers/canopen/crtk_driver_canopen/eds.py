@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import io
+import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -17,8 +18,8 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType, object_type, parse_object
+from crtk_drivers.config.capped_file import read_capped
 from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.kit.capped_file import read_capped
 
 try:
     from canopen.objectdictionary import ODArray, ODRecord, ODVariable
@@ -254,10 +255,8 @@ _GENERAL: Final[Mapping[str, Callable[[_Section, Tell], None]]] = MappingProxyTy
 def _objects(objects: Sections, tell: Tell) -> Sections:
     """Return the sections of objects, mended, each object before its parts."""
     result: Sections = {}
-    parts = sorted(objects, key=_order)
-    parents = {name[:4] for name in parts}
-    for parent in sorted(parents):
-        mine = [name for name in parts if name[:4] == parent]
+    for parent, parts in itertools.groupby(sorted(objects, key=_order), lambda name: name[:4]):
+        mine = list(parts)
         has_subs = any("sub" in name for name in mine)
         section = objects.get(parent)
         if section is None:

@@ -8,6 +8,8 @@ from typing import Final, NamedTuple
 
 from typing_extensions import override
 
+from crtk_driver_canopen.drive_profile import PLAIN, DriveProfile
+
 REGISTER_BITS: Final[Mapping[int, str]] = MappingProxyType(
     {
         0: "generic",
@@ -194,12 +196,16 @@ class Emergency(NamedTuple):
         code: 0 says that an error is gone.
         register: error register (1001).
         vendor: five bytes, whose meaning is the manufacturer's.
+        text: what the code means to drives of this make; empty if nothing of its own.
+        home_lost: the drive does not know its position any more.
     """
 
     node: int
     code: int
     register: int
     vendor: bytes
+    text: str = ""
+    home_lost: bool = False
 
     @property
     def is_reset(self) -> bool:
@@ -208,18 +214,28 @@ class Emergency(NamedTuple):
 
     @override
     def __str__(self) -> str:
-        text = f"node {self.node}: {error_text(self.code)} (0x{self.code:04x})"
+        text = f"node {self.node}: {self.text or error_text(self.code)} (0x{self.code:04x})"
         if self.register:
             text += f", error register: {register_text(self.register) or hex(self.register)}"
         return text + (f", vendor bytes {self.vendor.hex(' ')}" if any(self.vendor) else "")
 
 
-def decode(node: int, data: bytes) -> Emergency:
+def decode(node: int, data: bytes, profile: DriveProfile = PLAIN) -> Emergency:
     """Return the emergency message of a frame; one that is too short counts as filled with zeros.
 
     Args:
         node: from its COB-ID.
         data: up to 8 bytes: code, error register, five of the manufacturer.
+        profile: of the drive.
     """
     whole = data[:8].ljust(8, b"\0")
-    return Emergency(node, int.from_bytes(whole[:2], "little"), whole[2], whole[3:])
+    code = int.from_bytes(whole[:2], "little")
+    row = profile.error(code)
+    return Emergency(
+        node,
+        code,
+        whole[2],
+        whole[3:],
+        "" if row is None else row.text,
+        row is not None and row.home_lost,
+    )

@@ -11,6 +11,7 @@ from typing_extensions import override
 
 from crtk_driver_canopen import emcy
 from crtk_driver_canopen.bus import CanLink
+from crtk_driver_canopen.drive_profile import PLAIN, DriveProfile
 from crtk_driver_canopen.emcy import Emergency
 from crtk_driver_canopen.frames import Frame
 from crtk_driver_canopen.heartbeat import (
@@ -56,6 +57,7 @@ class Master:
         watch: what is known of the nodes.
         emergencies: the last emergency message of each node that has not said that it is over.
         silent: our heartbeat has ended, so that the drives stop.
+        profiles: of the drives whose make is known, by node.
     """
 
     def __init__(
@@ -71,6 +73,7 @@ class Master:
         self.watch = HeartbeatWatch(heartbeats)
         self.emergencies: dict[int, Emergency] = {}
         self.silent = False
+        self.profiles: dict[int, DriveProfile] = {}
         self._events: deque[Event] = deque(maxlen=256)
         self._channels: dict[int, SdoChannel] = {}
         self._sdo_timeout = sdo_timeout
@@ -90,7 +93,7 @@ class Master:
 
     def _emergency_handler(self, node: int) -> Callable[[bytes, float], None]:
         def take(data: bytes, now: float) -> None:
-            message = emcy.decode(node, data)
+            message = emcy.decode(node, data, self.profiles.get(node, PLAIN))
             if message.is_reset:
                 self.emergencies.pop(node, None)
             else:
@@ -104,6 +107,11 @@ class Master:
         if node not in self._channels:
             self._channels[node] = SdoChannel(self.link, node, self._sdo_timeout, self.poll)
         return self._channels[node]
+
+    def close(self) -> None:
+        """Let no transfer of a node go on once the bus is open again."""
+        for channel in self._channels.values():
+            channel.close()
 
     def take_events(self) -> list[Event]:
         """Return what has happened since the last call: boot-ups and emergencies, in order."""

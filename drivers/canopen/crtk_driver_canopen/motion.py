@@ -9,23 +9,22 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crtk_driver_canopen.arm_link import ArmLink
 from crtk_driver_canopen.axis import Axis
+from crtk_driver_canopen.braking import braking_time
 from crtk_driver_canopen.config import CanopenConfig
-from crtk_driver_canopen.jobs import NodeJobs, one_by_one
-from crtk_driver_canopen.modes import HandshakePhase, OpMode, Way
-from crtk_driver_canopen.profiles import ProfileRates, shared_rates, velocities_from_motion
-from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.given_rates import GivenRates
+from crtk_driver_canopen.modes import HandshakePhase, Way
+from crtk_driver_canopen.own_move import OwnMove
+from crtk_driver_canopen.profiles import shared_rates, velocities_from_motion
+from crtk_driver_canopen.standing import STOOD, Standing
 from crtk_drivers.device import Goal, Mode, MoveProgress, Setpoint
-from crtk_drivers.errors import CommandRefused, CrtkError, MotionAborted
+from crtk_drivers.errors import CommandRefused, CrtkError
 from crtk_drivers.samples import Vector, vector
 
 MODE_TIME: Final = 2.0
@@ -34,26 +33,8 @@ MODE_TIME: Final = 2.0
 REACH_TIME: Final = 3.0
 """Seconds that a joint may stand in a move of its own before it tells that it is there."""
 
-_STEP: Final = 4.0
-"""Counts by which a joint has to get on in that time, however slow the move is."""
-
-_STOOD: Final = 3
-"""Samples without motion after which joints stand that were told to stop."""
-
-_MOVED: Final = 0.1
-"""Seconds after its last motion in which a joint counts as moving."""
-
-_COASTING: Final = 4.0
-"""Seconds for joints to come to rest by friction alone."""
-
-_GRACE: Final = 0.25
-"""Seconds beyond the time that a joint needs to slow down, after which it does not stop as it was told."""
-
 _TAKEN_OVER: Final = 5
 """Cycles, about, until a drive has a new set-point: those of its SDOs and of the handshake."""
-
-_STILL: Final = 0.01
-"""Part of the greatest velocity of a joint below which it counts as standing."""
 
 STREAMED: Final[Mapping[Mode, Way]] = {
     Mode.JOINT_POSITION: Way.POSITIONS,
@@ -74,26 +55,6 @@ class _Phase(StrEnum):
     HALT = "halt"
 
 
-@dataclass(eq=False)
-class _Move:
-    """A move of the drives' own.
-
-    Attributes:
-        goal: positions (n,) and ratios.
-        failure: why it ended before its goal; empty if it did not.
-        done: whether all drives are there.
-    """
-
-    goal: Goal
-    failure: str = ""
-    done: bool = False
-
-    @property
-    def waits(self) -> bool:
-        """Whether it has not come to an end."""
-        return not self.done and not self.failure
-
-
 class Motion:
     """The motion of all joints. Belongs to the I/O thread, but for `stop`.
 
@@ -103,7 +64,6 @@ class Motion:
 
     Attributes:
         way: what the drives are told to follow.
-        moving: whether a joint moved between the last two samples.
         fault: why the drives cannot go on, in words; empty if they can.
     """
 
@@ -119,28 +79,19 @@ class Motion:
         self._rest = next(iter(config.ways), Way.POSITIONS)
         self._stop = threading.Event()
         self._stop_since: float | None = None
-        self._last_moved = np.full(len(self._velocities), -np.inf)
-        self._jobs = NodeJobs()
+        self._watched_for = self._looked = 0.0  # since it was told to stop; the last time
+        self.rates = GivenRates(config, link)
+        """What drives in profile modes hold."""
+        self._standing = Standing(config)
         self.way = self._rest
-        self.moving = False
         self.fault = ""
         self._phase = _Phase.HOLD
         self._waiting: Setpoint | None = None
-        self._move: _Move | None = None
+        self._move: OwnMove | None = None
         self._began = 0.0
-        self._stood = 0
-        self._stands_since = 0.0
         self._held: Vector | None = None
         self._speed = np.zeros(len(self._velocities))
-        self._measured_speed = np.zeros(len(self._velocities))
-        self._still = np.zeros(len(self._velocities))
-        self._step = np.zeros(len(self._velocities))
-        self._before: Vector = vector(())
-        self._stands_at: Vector = vector(())
         self._target: list[int] = []
-        self._wanted: list[ProfileRates] = []
-        self._given: list[ProfileRates | None] = []
-        self._giving: dict[int, ProfileRates] = {}
         self._unasked: list[Axis] = []
 
     # ------------------------------------------------------------------------------------ told by others
@@ -151,27 +102,12 @@ class Motion:
 
     def begin(self) -> None:
         """The drives have just been found: they are to stay where they are."""
-        self._jobs = NodeJobs()
         self.way, self.fault, self._waiting, self._move = self._rest, "", None, None
-        self._still = np.array([self._least_motion(axis) for axis in self._axes])
-        self._step = np.array([_STEP * abs(axis.facts.units.position) for axis in self._axes])
-        self._before, self._stands_at, self.moving = vector(()), vector(()), False
+        self._standing.begin([abs(axis.facts.units.position) for axis in self._axes])
         self._stop.clear()
-        self._stop_since, self._stood = None, 0
+        self._stop_since = None
         self.hold_here()
-        self._given = [*self._full_rates()]
-        self._giving = {}
-
-    def _least_motion(self, axis: Axis) -> float:
-        """Return what a joint moves in a cycle at least, unless it stands and its last count flickers."""
-        counts = 1.5 * abs(axis.facts.units.position)
-        return max(_STILL * axis.config.velocity * self._config.period, counts)
-
-    def note_set_up(self, nodes: set[int]) -> None:
-        """Nodes have been set up again: they hold the limits of velocity and acceleration."""
-        for index, rates in enumerate(self._full_rates()):
-            if self._axes[index].config.node in nodes:
-                self._given[index] = rates
+        self.rates.begin()
 
     def begin_anew(self, now: float) -> None:
         """Forget what was to be done, and hold still in the mode of rest; the drives may have no power."""
@@ -182,21 +118,18 @@ class Motion:
 
     def note(self, positions: Vector, now: float) -> None:
         """Take where all joints are (n,)."""
-        if positions.size == self._before.size:
-            moved = positions - self._before
-            moves = np.abs(moved) > self._still
-            self._last_moved[moves] = now
-            self.moving = bool(moves.any())
-            self._measured_speed = moved / self._config.period
-        self._stood = 0 if self.moving else self._stood + 1
-        there = self._stands_at
-        if there.size != positions.size or (np.abs(positions - there) > self._step).any():
-            self._stands_at, self._stands_since = positions, now
-        self._before = positions
+        self._watched_for += min(now - self._looked, self._config.period)
+        self._looked = now
+        self._standing.note(positions, now)
 
     def note_unknown(self) -> None:
         """Not all joints told where they are."""
-        self._stood = 0
+        self._standing.count_anew()
+
+    @property
+    def moving(self) -> bool:
+        """Whether a joint moved between the last two samples."""
+        return self._standing.moving
 
     @property
     def stopped(self) -> bool:
@@ -207,17 +140,14 @@ class Motion:
         """Return for how many seconds a stop has been under way."""
         return 0.0 if self._stop_since is None else now - self._stop_since
 
-    @property
-    def braking_time(self) -> float:
-        """Seconds in which the joints stand that are told to stop, and follow."""
-        return braking_time(self._config)
-
     def unstopped(self, now: float) -> list[Axis]:
-        """Return the axes that still move after the time in which they should have come to rest."""
-        since = self._stop_since
-        if since is None or now - since < self.braking_time:
+        """Return the axes that still move after the time in which they should have come to rest.
+
+        A cycle counts as long as it should be: who was held up has slowed them down by no more than that.
+        """
+        if self._stop_since is None or self._watched_for < braking_time(self._config):
             return []
-        moves = now - self._last_moved < _MOVED
+        moves = self._standing.moved_lately(now)
         return [axis for axis, moving in zip(self._axes, moves, strict=True) if moving]
 
     @property
@@ -265,7 +195,7 @@ class Motion:
 
     def move(self, goal: Goal, now: float) -> None:
         """Have the drives move to a goal by themselves, as soon as they are in the mode for it."""
-        self._move, self._waiting = _Move(goal), None
+        self._move, self._waiting = OwnMove(goal), None
         if self.way is Way.MOVES and self._phase is not _Phase.CHANGE:
             self._prepare_move()
         elif self._phase is _Phase.HOLD:
@@ -282,20 +212,14 @@ class Motion:
         move = self._move
         if move is None:
             return MoveProgress.FAILED
-        if move.failure:
-            raise MotionAborted(
-                f"the drives ended move_jp: {move.failure}",
-                where=self._link.where,
-                remedy="Look at the drives, and send it again.",
-            )
-        return MoveProgress.DONE if move.done else MoveProgress.RUNNING
+        return move.progress(self._link.where)
 
     def use(self, way: Way, now: float) -> None:
         """Change to the modes of a way, holding still."""
         self.hold_here()
         self.way, self._phase, self._began = way, _Phase.CHANGE, now
-        self._wanted = self._full_rates()
-        self._stood = 0
+        self.rates.want_full()
+        self._standing.count_anew()
         self._unasked = list(self._axes)
         self._ask_for_modes()
 
@@ -339,14 +263,19 @@ class Motion:
         }
         if self._phase in going_on:
             going_on[self._phase](now)
-        if self._stop_since is not None and self._phase is _Phase.HOLD and self._stood >= _STOOD:
+        if (
+            self._stop_since is not None
+            and self._phase is _Phase.HOLD
+            and self._standing.samples >= STOOD
+        ):
             self._stop_since = None
             self._forgo()
 
     def _begin_to_stop(self, now: float) -> None:
         self._waiting = None
         if self._stop_since is None:
-            self._stop_since = now
+            self._stop_since = self._looked = now
+            self._watched_for = 0.0
         if self._move is not None and self._move.waits:
             self._move.failure = "it was stopped"
         if any(axis.homing is not None for axis in self._axes):
@@ -358,14 +287,16 @@ class Motion:
 
     def _forgo(self) -> None:
         """Hold joints where they are that did not get to where a stop was to end: they do not catch up."""
-        if self._held is not None and (np.abs(self._before - self._held) > self._arrival).any():
+        if (
+            self._held is not None
+            and (np.abs(self._standing.positions - self._held) > self._arrival).any()
+        ):
             self.hold_here()
 
     def _come_to_rest(self, now: float) -> None:
         """End a stream; what waits begins after that."""
         if self.way is not Way.EFFORTS:
             self._phase = _Phase.BRAKE
-            self._forgo_catching_up()
         elif self.way is self._rest:
             self.hold_here()
         else:
@@ -410,6 +341,7 @@ class Motion:
 
     def _brake(self, now: float) -> None:
         """Slow down within the limits of acceleration, and hold where that ends."""
+        self._forgo_catching_up()
         period, units, outputs = self._config.period, self._link.units, self._link.outputs
         change = self._accelerations * period
         self._speed = np.sign(self._speed) * np.maximum(np.abs(self._speed) - change, 0.0)
@@ -437,7 +369,7 @@ class Motion:
                 outputs.position[index] = positions[index]
         try:
             # A drive in profile velocity mode goes by the rates that its last move was given.
-            given = self.way is not Way.VELOCITIES or self._give_rates()
+            given = self.way is not Way.VELOCITIES or self.rates.give()
         except CrtkError as error:
             self._phase, self.fault = _Phase.HOLD, str(error)
             return
@@ -480,63 +412,27 @@ class Motion:
         velocities = self._velocities * goal.ratios.velocity
         accelerations = self._accelerations
         if self.moving:
-            speeds = self._measured_speed
+            speeds = self._standing.speed
             ways = ways - speeds * _TAKEN_OVER * self._config.period
             velocities = velocities_from_motion(ways, speeds, velocities, accelerations)
         else:
             velocities, accelerations = shared_rates(
                 ways, velocities, accelerations * goal.ratios.acceleration
             )
-        self._wanted = self._rates(velocities, accelerations)
+        self.rates.want(velocities, accelerations)
         self._phase = _Phase.PREPARE
-
-    def _full_rates(self) -> list[ProfileRates]:
-        return self._rates(self._velocities, self._accelerations)
-
-    def _rates(
-        self, velocities: NDArray[np.float64], accelerations: NDArray[np.float64]
-    ) -> list[ProfileRates]:
-        return [
-            ProfileRates.of(velocity, acceleration, axis.facts.units.velocity)
-            for velocity, acceleration, axis in zip(
-                velocities.tolist(), accelerations.tolist(), self._axes, strict=True
-            )
-        ]
 
     def _prepare(self, now: float) -> None:
         try:
-            if not self._give_rates():
+            if not self.rates.give():
                 return
         except CrtkError as error:
             self._fail_move(str(error))
             return
         for axis in self._axes:
             axis.handshake.start()
-        self._phase, self._stands_since = _Phase.MOVE, now
-
-    def _give_rates(self) -> bool:
-        """Return whether the drives in profile modes hold the rates that are wanted; else have them written.
-
-        Raises:
-            CrtkError: a drive does not take them.
-        """
-        if self._jobs.running:
-            return False
-        giving, self._giving = self._giving, {}
-        errors, self._jobs.errors = self._jobs.errors, []
-        for index, rates in giving.items():
-            self._given[index] = None if errors else rates
-        if errors and all(self._wanted[index] == rates for index, rates in giving.items()):
-            raise errors[0]
-        nodes: dict[int, list[Callable[[], None]]] = {}
-        for index, axis in enumerate(self._axes):
-            rates, before = self._wanted[index], self._given[index]
-            if axis.mode in (OpMode.PP, OpMode.PV) and rates != before:
-                self._giving[index] = rates
-                sdo = Sdo(self._link.master.sdo(axis.config.node), axis.config.axis)
-                nodes.setdefault(axis.config.node, []).append(partial(rates.write, sdo, before))
-        self._jobs.start({node: partial(one_by_one, writes) for node, writes in nodes.items()})
-        return not nodes
+        self._phase = _Phase.MOVE
+        self._standing.since = now
 
     def _follow_move(self, now: float) -> None:
         """Hand the targets over, and see whether all drives are there."""
@@ -553,7 +449,7 @@ class Motion:
         elif all(phase is HandshakePhase.REACHED for phase in phases):
             move.done, self._held = True, move.goal.joints
             self._settle(now)
-        elif now - self._stands_since > REACH_TIME:
+        elif now - self._standing.since > REACH_TIME:
             slow = [axis.place for axis in axes if axis.handshake.phase < HandshakePhase.REACHED]
             self._fail_move(
                 f"{', '.join(slow)}: it stands, but does not tell that it is there (bit 10 of the "
@@ -568,13 +464,17 @@ class Motion:
     def _begin_halt(self) -> None:
         for axis in self._axes:
             axis.halt()
-        self._phase, self._stood, self._held = _Phase.HALT, 0, None
+        self._wait_for_halt()
+
+    def _wait_for_halt(self) -> None:
+        self._phase, self._held = _Phase.HALT, None
+        self._standing.count_anew()
 
     def _halt_homing(self) -> None:
         for axis in self._axes:
             axis.cancel_homing()
         if self._phase is not _Phase.HALT:
-            self._phase, self._stood, self._held = _Phase.HALT, 0, None
+            self._wait_for_halt()
 
     def end_homing(self, now: float) -> None:
         """Homing is over, or given up: where it still runs it is halted, and left once the joints stand."""
@@ -589,7 +489,7 @@ class Motion:
         self.use(self._rest, now)
 
     def _halt(self, now: float) -> None:
-        if self._stood < _STOOD:
+        if self._standing.samples < STOOD:
             return
         homings = [axis.homing for axis in self._axes if axis.homing is not None]
         if not homings:
@@ -597,15 +497,3 @@ class Motion:
             self._settle(now)
         elif all(homing.over for homing in homings):
             self._leave_homing(now)
-
-
-def braking_time(config: CanopenConfig) -> float:
-    """Return the seconds in which the slowest joint comes to rest from its greatest velocity.
-
-    Joints that take nothing but efforts have no torque when they are told to stop, and coast.
-    """
-    if config.ways[:1] == (Way.EFFORTS,):
-        return _COASTING
-    joints = config.joints.values()
-    slowest = max((joint.velocity / joint.acceleration for joint in joints), default=0.0)
-    return slowest + _GRACE

@@ -9,14 +9,18 @@ from typing import Any
 from crtk_driver_canopen.config import BusConfig, CanopenConfig
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError, MissingExtra
-from crtk_drivers.plugins import DeviceLink, DevicePlugin, Finder, LinkAccess, RunningSim, Tool
+from crtk_drivers.plugins import (
+    DeviceLink,
+    DevicePlugin,
+    Finder,
+    LinkAccess,
+    RunningSim,
+    Tool,
+    axes_ways,
+)
 
 SIMULATED_JOINTS = 6
 """Joints of the arm that ``--sim`` shows when none are configured."""
-
-
-SIMULATED_CHANNEL = "can0"
-"""How the simulated bus is called at its door for socketcand."""
 
 
 LIBRARIES = {"can": "python-can", "canopen": "canopen"}
@@ -81,14 +85,8 @@ TYPICAL: Mapping[str, Any] = {
 """The arm that ``--sim`` shows when no joints are configured."""
 
 
-def _with_joints(config: CanopenConfig) -> CanopenConfig:
-    if config.joints:
-        return config
-    return CanopenConfig(**{**config.model_dump(exclude_unset=True), **TYPICAL})
-
-
 def _at_sim(config: CanopenConfig, sim: RunningSim) -> CanopenConfig:
-    config = _with_joints(config)
+    config = axes_ways.with_joints(config, TYPICAL)
     bus = BusConfig(
         interface="crtk",
         channel=sim.paths["crtk"],
@@ -99,7 +97,7 @@ def _at_sim(config: CanopenConfig, sim: RunningSim) -> CanopenConfig:
 
 
 def _sim_options(config: CanopenConfig) -> Mapping[str, Any]:
-    config = _with_joints(config)
+    config = axes_ways.with_joints(config, TYPICAL)
     nodes = config.nodes
     axes = 1 + max(joint.axis for joint in config.joints.values())
     return {
@@ -111,26 +109,20 @@ def _sim_options(config: CanopenConfig) -> Mapping[str, Any]:
     }
 
 
-def _link(config: CanopenConfig, sim: RunningSim | None) -> DeviceLink | None:
-    """Return the link to a gateway of socketcand; a simulated bus has one too."""
-    if sim is not None:
-        return DeviceLink(sim.host, {"socketcand": sim.ports["socketcand"]})
-    host, port = (config.bus.options.get(key) for key in ("host", "port"))
-    if config.bus.interface != "socketcand" or not isinstance(port, int):
-        return None
-    return DeviceLink(str(host), {"socketcand": port})
+def _link(config: CanopenConfig, sim: RunningSim | None) -> DeviceLink:
+    """Return the link to a gateway of socketcand, or the adapter, which the bus of a simulator is as well."""
+    bus = config.bus if sim is None else _at_sim(config, sim).bus
+    port = bus.options.get("port")
+    if bus.interface == "socketcand" and isinstance(port, int):
+        return DeviceLink(str(bus.options.get("host")), {"socketcand": port})
+    own = {"interface": bus.interface, "channel": bus.channel, "bitrate": bus.bitrate}
+    return DeviceLink(can={"socketcand": {**own, **bus.options}})
 
 
 def _at_link(config: CanopenConfig, link: DeviceLink) -> CanopenConfig:
-    simulated = config.bus.interface == "crtk"
-    there = {"host": link.host, "port": link.tcp["socketcand"]}
-    bus = config.bus.model_copy(
-        update={
-            "interface": "socketcand",
-            "channel": SIMULATED_CHANNEL if simulated else config.bus.channel,
-            "options": {**config.bus.options, **there},
-        }
-    )
+    own = config.bus.options if config.bus.interface == "socketcand" else {}
+    options = {**own, "host": link.host, "port": link.tcp["socketcand"]}
+    bus = config.bus.model_copy(update={"interface": "socketcand", "options": options})
     return config.model_copy(update={"bus": bus})
 
 

@@ -17,6 +17,7 @@ from can.interfaces.socketcan import SocketcanBus
 
 from crtk_driver_canopen.bus_state import Condition, condition_of_error
 from crtk_driver_canopen.frames import ERROR, EXTENDED, REMOTE, Frame, pack, unpack
+from crtk_drivers.kit.readable_files import is_readable
 
 
 class Port(Protocol):
@@ -56,6 +57,7 @@ class MessagePort:
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
+        self._receives_itself = type(bus).recv is not can.BusABC.recv
         self._descriptor = _descriptor(bus)
 
     def send(self, frames: Sequence[Frame]) -> int:
@@ -75,22 +77,28 @@ class MessagePort:
         return () if message is None else (_frame_of(message),)
 
     def _next(self, timeout: float) -> can.Message | None:
-        bus = self._bus
-        message: can.Message | None = bus.recv(0.0)
+        message = self._take(0.0)
         if message is not None or timeout <= 0.0:
             return message
         if self._descriptor < 0:
-            message = bus.recv(timeout)
-        elif select.select([self._descriptor], [], [], timeout)[0]:
-            message = bus.recv(0.0)
+            message = self._take(timeout)
+        elif is_readable(self._descriptor, timeout):
+            message = self._take(0.0)
         return message
+
+    def _take(self, timeout: float) -> can.Message | None:
+        """Receive as `can.BusABC.recv` does, which waits on if the clock of the day goes back meanwhile."""
+        bus = self._bus
+        if self._receives_itself:
+            return bus.recv(timeout)
+        message, filtered = bus._recv_internal(timeout)  # noqa: SLF001 - what an interface of python-can is made of
+        if message is None or filtered or bus._matches_filters(message):  # noqa: SLF001
+            return message
+        return None
 
 
 def _descriptor(bus: can.BusABC) -> int:
-    """Return what can be waited on with a monotonic deadline; -1 for an interface without.
-
-    python-can's own waiting counts on the clock of the day: when that is set back, it takes that much longer.
-    """
+    """Return what can be waited on with a monotonic deadline; -1 for an interface without."""
     try:
         return int(bus.fileno())
     except (NotImplementedError, can.CanError):
@@ -117,7 +125,7 @@ class _Readable:
     """Whether there is something to be received: asking takes a quarter of the time of receiving in vain."""
 
     def __init__(self, descriptor: int) -> None:
-        self._descriptors = [descriptor]
+        self._descriptor = descriptor
         self._poll = select.poll()
         self._poll.register(descriptor, select.POLLIN)
 
@@ -125,7 +133,7 @@ class _Readable:
         """Wait for at most `timeout` seconds; 0 or less: not at all."""
         if timeout <= 0.0:
             return bool(self._poll.poll(0))
-        return bool(select.select(self._descriptors, [], [], timeout)[0])
+        return is_readable(self._descriptor, timeout)
 
 
 _TIMESPEC: Final = struct.Struct("@ll")

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from crtk_driver_canopen.bus import CanLink, Handler
+from crtk_driver_canopen.drive_profile import DriveProfile, of_identity
+from crtk_driver_canopen.emcy import error_text
 from crtk_driver_canopen.identity import SERVO_PROFILE, Identity, read_identity
 from crtk_driver_canopen.master import NODES, Master
 from crtk_driver_canopen.modes import OpMode, supported
@@ -29,8 +31,9 @@ class Axis:
     Attributes:
         statusword: (6041).
         mode: shown (6061); None: it does not tell.
-        modes: that it has (6502).
+        modes: that it has (6502, and by its profile).
         error: last error code (603F); 0 if there was none.
+        error_text: what that means.
     """
 
     number: int
@@ -38,6 +41,7 @@ class Axis:
     mode: int | None
     modes: frozenset[OpMode]
     error: int
+    error_text: str = ""
 
 
 @dataclass(frozen=True)
@@ -99,27 +103,30 @@ def _survey(master: Master, node: int) -> Found:
     try:
         identity = read_identity(Sdo(master.sdo(node)))
         if identity.profile == SERVO_PROFILE:
-            axes = _axes(master, node)
+            axes = _axes(master, node, of_identity(identity))
     except (SdoAborted, SdoSilent) as error:
         trouble = error.message
     life = master.watch.nodes.get(node)
     return Found(node, identity, None if life is None else life.state, tuple(axes), trouble)
 
 
-def _axes(master: Master, node: int) -> list[Axis]:
+def _axes(master: Master, node: int, profile: DriveProfile) -> list[Axis]:
     axes = []
     for number in range(AXES):
         sdo = Sdo(master.sdo(node), number)
         statusword = sdo.find(OBJECTS["statusword"])
         if statusword is None:
             break
+        code = sdo.find(OBJECTS["error_code"]) or 0
+        row = profile.error(code)
         axes.append(
             Axis(
                 number,
                 statusword,
                 sdo.find(OBJECTS["mode_of_operation_display"]),
-                supported(sdo.find(OBJECTS["supported_drive_modes"]) or 0),
-                sdo.find(OBJECTS["error_code"]) or 0,
+                supported(sdo.find(OBJECTS["supported_drive_modes"]) or 0) | profile.more_modes,
+                code,
+                row.text if row else error_text(code) if code else "",
             )
         )
     return axes

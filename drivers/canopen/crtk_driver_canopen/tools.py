@@ -1,4 +1,4 @@
-"""Commands for people: who is on the bus, and objects of a node read and written."""
+"""Commands for people: who is on the bus, objects of a node read and written, what an EDS says of a drive."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from crtk_driver_canopen import eds
 from crtk_driver_canopen.bus import BusAddress, CanLink
 from crtk_driver_canopen.candump import CandumpLog
 from crtk_driver_canopen.config import CanopenConfig
+from crtk_driver_canopen.eds_profile import first_profile, oddities
 from crtk_driver_canopen.emcy import error_text
 from crtk_driver_canopen.heartbeat import nmt_text
 from crtk_driver_canopen.master import Master
@@ -95,12 +96,59 @@ def _axis(axis: Axis) -> list[str]:
     modes = " ".join(mode.name.lower() for mode in MODES if mode in axis.modes)
     state = status_text(axis.statusword, axis.mode or 0)
     if axis.error:
-        state += f"; {error_text(axis.error)} (0x{axis.error:04x})"
+        state += f"; {axis.error_text} (0x{axis.error:04x})"
     return [str(axis.number), modes, state]
 
 
 def _hex(value: int | None) -> str:
     return "-" if value is None else f"0x{value:x}"
+
+
+class ProfileOptions(Settings):
+    """Options of `profile`."""
+
+    eds: str = Field(min_length=1, max_length=4096, description="EDS or DCF file of the drive.")
+    output: str = Field(
+        default="",
+        max_length=4096,
+        description="Where to write the profile (.toml); shown if empty.",
+    )
+
+
+def profile(config: CanopenConfig, options: ProfileOptions) -> int:
+    """Say what is odd about the drive of an EDS, and write a first profile of it. The bus is not needed.
+
+    Raises:
+        ConfigError: the EDS cannot be read, or the profile not be written; an existing file is left.
+    """
+    sheet = eds.load(options.eds, 1)  # whatever its node id, for COB-IDs
+    odd = oddities(sheet)
+    text = first_profile(sheet, odd)
+    for each in [*sheet.repairs, *odd]:
+        _OUT.print(f"- {each}", markup=False, soft_wrap=True)
+    if not options.output:
+        _OUT.print(f"\n{text}", markup=False, soft_wrap=True)
+        return 0
+    path = Path(options.output)
+    if path.suffix != ".toml":
+        raise ConfigError(
+            f"{path} is no name of a profile", where="--output", remedy="Give a name with .toml."
+        )
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise ConfigError(
+            f"{path} cannot be written: {error.strerror}",
+            where="--output",
+            remedy="Give the name of a new file in a folder that is there.",
+        ) from error
+    _OUT.print(
+        f"{path} is written: read it, complete it, and give `profile: {path}` of the joint.",
+        markup=False,
+        soft_wrap=True,
+    )
+    return 0
 
 
 class SdoOptions(Settings):
@@ -233,6 +281,14 @@ TOOLS: Final = (
         sdo,
         SdoOptions,
         arguments=("node", "object", "value"),
+        check_real=_nothing_needed,
+    ),
+    Tool(
+        "profile",
+        "say what is odd about the drive of an EDS, and write a first profile of it",
+        profile,
+        ProfileOptions,
+        arguments=("eds",),
         check_real=_nothing_needed,
     ),
 )

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 from crtk_driver_canopen.bus import CanLink
+from crtk_driver_canopen.bus_state import Condition, bus_lost
 from crtk_driver_canopen.objects import object_text
 from crtk_driver_canopen.sdo import aborted, silent
 from crtk_drivers.errors import ConnectionLost, CrtkError, MissingExtra, ProtocolError
@@ -48,10 +49,20 @@ class _Network:
 
     def __init__(self, link: CanLink) -> None:
         self._link = link
+        self._lock = threading.Lock()
+        self._is_closed = False
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Send a frame."""
-        self._link.post(can_id, bytes(data))
+        with self._lock:
+            if self._is_closed:
+                raise bus_lost(Condition.GONE, "it was closed meanwhile", self._link.where)
+            self._link.post(can_id, bytes(data))
+
+    def close(self) -> None:
+        """Send no more frames: the bus may be open again before a transfer has ended that goes on."""
+        with self._lock:
+            self._is_closed = True
 
 
 class _Client(SdoClient):  # type: ignore[misc]
@@ -118,7 +129,8 @@ class SdoChannel:
         return f"{self._link.where} node {self.node}"
 
     def close(self) -> None:
-        """Take no more answers."""
+        """Take no more answers, and ask nothing more: what goes on in other threads ends by `BusLost`."""
+        self._client.network.close()
         self._link.unsubscribe(0x580 + self.node)
 
     def upload(self, index: int, subindex: int) -> bytes:

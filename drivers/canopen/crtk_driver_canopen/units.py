@@ -9,7 +9,7 @@ torque 6076.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Final, NamedTuple, Protocol
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from crtk_driver_canopen.drive_profile import PLAIN, DriveProfile
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo
 from crtk_drivers.errors import CommandRefused, ConfigError, Reason
@@ -71,8 +72,12 @@ class UnitObjects:
         )
 
 
-def read_unit_objects(sdo: Sdo) -> UnitObjects:
+def read_unit_objects(sdo: Sdo, profile: DriveProfile = PLAIN) -> UnitObjects:
     """Return what a drive tells of its units.
+
+    Args:
+        sdo: of its axis.
+        profile: of its make: what tells the same where the objects of CiA 402 are not there.
 
     Raises:
         SdoAborted, SdoSilent, ProtocolError: an object could not be read, for another reason than that the
@@ -83,14 +88,20 @@ def read_unit_objects(sdo: Sdo) -> UnitObjects:
         above, below = sdo.find(OBJECTS[numerator]), sdo.find(OBJECTS[denominator])
         return above / (below or 1) if above else None
 
+    def counts() -> float | None:
+        row = profile.increments
+        told = None if row is None else sdo.find(row.entry("encoder"))
+        return None if row is None or not told else told * row.factor
+
     rated = sdo.find(OBJECTS["motor_rated_torque"])
+    velocity_unit = sdo.find(OBJECTS["si_unit_velocity"])
     return UnitObjects(
-        encoder=ratio("encoder_increments", "encoder_motor_revolutions"),
+        encoder=ratio("encoder_increments", "encoder_motor_revolutions") or counts(),
         gear=ratio("gear_motor_revolutions", "gear_shaft_revolutions"),
         feed=ratio("feed", "feed_shaft_revolutions"),
         position_unit=sdo.find(OBJECTS["si_unit_position"]),
-        velocity_unit=sdo.find(OBJECTS["si_unit_velocity"]),
-        rated_torque=rated / 1000.0 if rated else None,
+        velocity_unit=profile.velocity_unit if velocity_unit is None else velocity_unit,
+        rated_torque=rated * profile.rated_torque_unit if rated else None,
     )
 
 
@@ -277,6 +288,14 @@ _I32: Final = (-(2.0**31), 2.0**31 - 1)
 _I16: Final = (-(2.0**15), 2.0**15 - 1)
 
 
+def _toward_zero(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.trunc(counts * _WHOLE)
+
+
+_WHOLE: Final = 1.0 + 1e-12
+"""What a quotient of floats may lack to a whole number."""
+
+
 class GroupUnits:
     """Units of several joints at once; all vectors are in their order.
 
@@ -291,6 +310,11 @@ class GroupUnits:
         self._offset = np.array([each.offset for each in units])
         self._velocity = np.array([each.velocity for each in units])
         self._effort = np.array([each.effort for each in units])
+
+    @property
+    def velocity_steps(self) -> tuple[float, ...]:
+        """One unit of each velocity, in rad/s (m/s)."""
+        return tuple(np.abs(self._velocity).tolist())
 
     def positions(self, counts: Sequence[int]) -> Vector:
         """Return positions (n,) in rad (m)."""
@@ -310,10 +334,10 @@ class GroupUnits:
         Raises:
             CommandRefused: one does not fit into 32 bits, or is not finite.
         """
-        return self._counts(positions - self._offset, self._position, _I32, "position")
+        return self._counts(positions - self._offset, self._position, _I32, "position", np.rint)
 
     def velocity_counts(self, velocities: Vector) -> list[int]:
-        """Return target velocities (60FF).
+        """Return target velocities (60FF), rounded towards 0: no limit is left by rounding.
 
         Raises:
             CommandRefused: one does not fit into 32 bits, or is not finite.
@@ -321,7 +345,7 @@ class GroupUnits:
         return self._counts(velocities, self._velocity, _I32, "velocity")
 
     def effort_counts(self, efforts: Vector) -> list[int]:
-        """Return target torques (6071).
+        """Return target torques (6071), rounded towards 0.
 
         Raises:
             CommandRefused: one does not fit into 16 bits, or is not finite, or the rated torque is not known.
@@ -334,10 +358,11 @@ class GroupUnits:
         units: NDArray[np.float64],
         bounds: tuple[float, float],
         what: str,
+        rounded: Callable[[NDArray[np.float64]], NDArray[np.float64]] = _toward_zero,
     ) -> list[int]:
         with np.errstate(over="ignore", invalid="ignore"):
             values = wanted / units
-        counts = np.rint(values)
+            counts = rounded(values)
         good = (counts >= bounds[0]) & (counts <= bounds[1])  # False for NaN as well
         if not good.all():
             at = int(np.argmin(good))

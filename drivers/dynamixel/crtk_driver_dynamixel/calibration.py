@@ -210,16 +210,29 @@ def load_calibration(path: Path | str) -> Calibration:
 
 
 def write_whole(path: Path, head: str, values: object) -> None:
-    """Write a file of YAML; it is replaced as a whole or not at all.
+    """Write a file of YAML; it is replaced as a whole or not at all, and is on the disk then.
 
     Raises:
         ConfigError: it cannot be written.
     """
     new = path.with_name(f"{path.name}.new")
     try:
-        new.write_text(head + yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
+        with new.open("w", encoding="utf-8") as file:
+            file.write(head + yaml.safe_dump(values, sort_keys=False))
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(new, path)
+        _sync_folder(path.parent)
     except OSError as error:
         raise ConfigError(
             f"cannot be written: {error.strerror}", where=str(path), remedy="Check path and rights."
         ) from error
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the names in a folder on the disk: the old file would else be back after a loss of power."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 
 from crtk_driver_dynamixel.blocks import BlockReads, Member, values_of
 from crtk_driver_dynamixel.bus import Bus
-from crtk_driver_dynamixel.calibration import Calibration, unshifted
+from crtk_driver_dynamixel.calibration import Calibration
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.control_tables import POSITION, Item, control_table
 from crtk_driver_dynamixel.groups import GroupWrite
 from crtk_driver_dynamixel.joints import Chain, ChainServo
-from crtk_driver_dynamixel.models import GOALS, PROTOCOL_1_ERRORS, OperatingMode, model_numbered
+from crtk_driver_dynamixel.models import GOALS, PROTOCOL_1_ERRORS, model_numbered
+from crtk_driver_dynamixel.placement import Placement
 from crtk_driver_dynamixel.protocols import PROTOCOLS
-from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health
+from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health, Silences
 from crtk_driver_dynamixel.registers import WATCHDOG_STEP
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
 from crtk_driver_dynamixel.servo_state import ServoState, Values, runs
-from crtk_driver_dynamixel.turns import Placed, Turns, TurnsFile, has_turned
 from crtk_driver_dynamixel.units import Counts, encoded
 from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost, DeviceError
 from crtk_drivers.kit import RoundRobin
@@ -39,7 +39,7 @@ from crtk_drivers.samples import Stamp
 
 logger = logging.getLogger(__name__)
 
-PATIENCE: Final = 0.05
+PATIENCE: Final = 0.1
 """Seconds allowed to adapter and system while the chain is opened: whatever is done first is slow."""
 
 MODEL_NUMBER_1: Final = 0
@@ -51,6 +51,8 @@ OUTSIDE_PAUSE: Final = 0.01
 """Seconds between them, and for which a write of the I/O thread is waited for."""
 GAP: Final = 0.05
 """Seconds of silence after which a servo that answers again may have been without power."""
+LAST_LOOKS: Final = 3
+"""Times that servos are read before the ports are closed, until all are seen to stand."""
 STANDING: Final = 0.03
 """rad/s of a servo below which it stands; a count of the X series is 0.024."""
 
@@ -87,41 +89,30 @@ class ChainLink:
         calibration: of the chain, None if it has none.
 
     Attributes:
-        calibrated: by bus and id.
-        doubts: why it is not known which turn a servo is in, by its place.
+        placement: where the servos are.
+        silences: of the servos.
     """
 
     def __init__(
         self, config: DynamixelConfig, chain: Chain, calibration: Calibration | None = None
     ) -> None:
         self._config = config
-        found = () if calibration is None else calibration.servos
-        self.calibrated = {(servo.bus, servo.id): servo for servo in found}
-        self._configured = chain
-        self.chain = chain
+        self.placement = Placement(chain, calibration, config.turns)
         self.states: list[ServoState] = []
         self.health = [_health(servo) for servo in chain.servos]
         self.frame: Frame | None = None
+        self.silences = Silences(len(chain.servos))
         self.cycles = 0
         self._users = 0
         self._buses: dict[str, Bus] = {}
         self._prepared: _Prepared | None = None
-        self._shifts: dict[int, int] = {}
-        self._homing: dict[int, int] = {}
-        self._placed = False
-        self._turns = TurnsFile(config.turns) if config.turns else None
-        self._kept: Turns | None = None
-        self.doubts: dict[int, str] = {}
-        self._turning = np.array(
-            [
-                place
-                for place, servo in enumerate(chain.servos)
-                if servo.units.mode is not OperatingMode.POSITION
-            ],
-            dtype=np.int64,
-        )
 
     # ----------------------------------------------------------------------------------- life cycle
+
+    @property
+    def chain(self) -> Chain:
+        """The servos, as they count now."""
+        return self.placement.chain
 
     @property
     def address(self) -> str:
@@ -159,8 +150,7 @@ class ChainLink:
             bus = Bus(SerialPort(given.port, given.baud), latency_budget=PATIENCE)
             bus.open()
             self._buses[name] = bus
-        self.chain = self._configured
-        self._shifts, self._homing, self._placed, self.doubts = {}, {}, False, {}
+        self.placement.forget()
         self.health = [_health(servo) for servo in self.chain.servos]
         self.states = []
         missing = []
@@ -245,7 +235,7 @@ class ChainLink:
         ]
 
     def _place(self) -> None:
-        """Find the turns that servos are in, and what their registers allow."""
+        """Find where servos are, once all answer."""
         frame = self.exchange()
         if not frame.valid.all():
             silent = [self.chain.servos[i].place for i in np.flatnonzero(~frame.valid)]
@@ -254,133 +244,28 @@ class ChainLink:
                 where=self.address,
                 remedy="Set fast_read to false, or raise latency_budget.",
             )
-        self._homing = {place: self._other_homing(place) for place in range(len(self.states))}
-        counts = [count - self._homing[i] for i, count in enumerate(frame.position.tolist())]
-        try:
-            known = None if self._turns is None else self._turns.load()
-            if self._turns is not None and known is None:
-                found: Mapping[int, Placed] = self._first_turns()
-            else:
-                found = self._configured.turn_shifts(counts, known, self._has_run_on)
-        except ConfigError as error:
-            raise ConnectionFailed(error.message, where=error.where, remedy=error.remedy) from error
-        self._shift(
-            {
-                place: (found[place].shift if place in found else 0) + other
-                for place, other in self._homing.items()
-            }
-        )
-        self.doubts = {
-            place: f"{self.chain.servos[place].place} may be in another turn: {turn.doubt}"
-            for place, turn in found.items()
-            if turn.doubt
-        }
-        for doubt in self.doubts.values():
-            logger.warning("%s: %s", self.address, doubt)
-        self._placed = True
-        self._open_turns()
-
-    def _first_turns(self) -> dict[int, Placed]:
-        """Return where servos are of which nothing was kept yet: where they count."""
-        doubt = f"{self._config.turns} does not exist yet, and it is taken to be in the turn that it counts"
-        return {place: Placed(0, doubt) for place in self._turning.tolist()}
-
-    def _has_run_on(self, place: int) -> bool:
-        """Whether a servo has had its power since a driver enabled it: its bus watchdog is set."""
-        return self.states[place].values.get("bus_watchdog", 0) != 0
-
-    def trust(self, places: Iterable[int]) -> None:
-        """Take these servos to be in the turns that they are believed to be in."""
-        for place in places:
-            self.doubts.pop(place, None)
-        self._keep_turns()
-
-    def distrust(self, places: Iterable[int]) -> None:
-        """Take these servos, if they have more than one turn, as not homed."""
-        turning = set(self._turning.tolist())
-        for place in turning.intersection(places):
-            name = self.chain.servos[place].place
-            self.doubts[place] = f"{name} may be in another turn: its position was given up"
-        self._keep_turns()
-
-    def _other_homing(self, place: int) -> int:
-        """Return the counts by which the homing offset in a servo is another than that of the calibration."""
-        state = self.states[place]
-        wanted = self.calibrated.get((state.servo.bus, state.servo.id))
-        if wanted is None or not state.has("homing_offset"):
-            return 0
-        units = state.servo.units
-        found = state.values["homing_offset"]
-        return unshifted(units, 0, wanted.homing_offset) - unshifted(units, 0, found)
-
-    def _shift(self, shifts: Mapping[int, int]) -> None:
-        """Take servos as counting otherwise than so far, by counts by place."""
-        for place, shift in shifts.items():
-            self._shifts[place] = self._shifts.get(place, 0) + shift
-        placed = self._configured.with_shifts(self._shifts)
-        self.chain = placed.with_registers([state.values for state in self.states])
-
-    def _open_turns(self) -> None:
-        """Mark the file as not clean, before anything can move."""
-        if self._turns is None:
-            return
-        try:
-            self._kept = self._turns_now(clean=False)
-            self._turns.save(self._kept)
-        except ConfigError as error:
-            raise ConnectionFailed(error.message, where=error.where, remedy=error.remedy) from error
-
-    def _turns_now(self, *, clean: bool) -> Turns:
-        frame = self.frame
-        assert frame is not None
-        positions = self.chain.positions(self.chain.scaling.position.to_si(frame.position))
-        shifts = {
-            self.chain.servos[place].key: self._shifts.get(place, 0) - self._homing[place]
-            for place in self._turning.tolist()
-        }
-        named = dict(zip(self.chain.names, positions.tolist(), strict=True))
-        return Turns(clean=clean, positions=named, shifts=shifts)
-
-    def _keep_turns(self) -> None:
-        if self._turns is not None and self._placed:
-            self._kept = self._turns_now(clean=False)
-            self._turns.keep(self._kept)
-
-    def _follow_positions(self) -> None:
-        """Keep where joints are, once one has turned far enough."""
-        if self._turns is None or self._kept is None:
-            return
-        frame, servos = self.frame, self.chain.servos
-        assert frame is not None
-        for place in self._turning.tolist():
-            units = servos[place].units
-            now = units.position(int(frame.position[place]))
-            if servos[place].is_first and has_turned(
-                units, self._kept.positions[servos[place].name], now
-            ):
-                self._keep_turns()
-                return
-
-    def _close_turns(self) -> None:
-        """Mark the file as clean, if all is known."""
-        turns, self._kept = self._turns, None
-        if turns is None or not self._placed or not turns.end():
-            return
-        frame = self.frame
-        if self.doubts or frame is None or not frame.valid.all():
-            return
-        try:
-            turns.save(self._turns_now(clean=True))
-        except ConfigError as error:
-            logger.warning("%s: %s", self.address, error)
+        self.placement.find(self.states, frame, self.address)
 
     def _close(self) -> None:
-        self._close_turns()
-        self._placed = False
+        self.placement.close(
+            self.address, in_order=self.placement.is_kept and self._are_seen_to_stand()
+        )
         buses, self._buses = self._buses, {}
         for bus in buses.values():
             bus.close()
         self.frame = self._prepared = None
+
+    def _are_seen_to_stand(self) -> bool:
+        """Whether all servos, read once more, are there and stand: what was read before may be old."""
+        try:
+            for _ in range(LAST_LOOKS):
+                self.exchange()
+                places = range(len(self.states))
+                if all(map(self.rests, places)) and not self.turning(places):
+                    return True
+        except ConnectionLost:
+            pass  # who closes it knows
+        return False
 
     def _find(self, servo: ChainServo) -> ServoState:
         """Return a servo as it is, after a look at who it is."""
@@ -457,6 +342,7 @@ class ChainLink:
         begin = np.full(count, time.monotonic())
         none = np.zeros(count, dtype=np.bool_)
         self.frame = Frame(Stamp.now(), nothing, nothing, nothing, begin, none)
+        self.silences = Silences(count)
 
     def _present(self, place: int, roles: Mapping[str, Sequence[str]]) -> dict[str, Item]:
         table = self.states[place].table
@@ -490,29 +376,31 @@ class ChainLink:
         seen = np.where(valid, middle, before.seen)
         self.frame = Frame(stamp, **columns, seen=seen, valid=valid)
         self.cycles += 1
-        self._follow_turns(before, self.frame)
+        self._look_at_turns(self.frame, before)
+        self.silences.broken(valid)
+        self.silences.go_on(np.flatnonzero(~valid), began, ended)
         # A servo that was without power says so by its registers, before it is sent anything.
         self.read_health(np.flatnonzero(valid & (before.seen < middle - GAP)).tolist())
         slow = prepared.slow.due(ended)
         if slow is not None:
             self._read_slow(slow)
-            self._follow_positions()
+            self.placement.keep_what_has_turned()
         return self.frame
 
-    def _follow_turns(self, before: Frame, frame: Frame) -> None:
-        """Tell turns that a servo forgot with its power, while we did not hear of it, from those it made.
+    def _look_at_turns(self, frame: Frame, before: Frame) -> None:
+        """Find which servos that are back have forgotten turns: they come without torque.
 
-        It begins anew within one turn, without torque; until then it moved less than half a turn.
+        Of one that does not say so, what it counts may be turns from where it is: it is not back yet.
         """
-        turning = self._turning
-        back = turning[frame.valid[turning] & ~before.valid[turning]]
-        for place in back.tolist() if self._placed else ():
-            counts = self.chain.servos[place].units.model.family.counts
-            forgotten = round(int(frame.position[place] - before.position[place]) / counts)
-            if forgotten and self.read_values([place], ["torque_enable"]) == {
-                place: {"torque_enable": 0}
-            }:
-                self._shift({place: forgotten * counts})
+        back = self.placement.follow(frame)
+        if not back:
+            return
+        torques = self.read_values(back, ["torque_enable"])
+        for place in back.keys() - torques.keys():
+            frame.take_back(place, before)
+        for place, values in torques.items():
+            if not values["torque_enable"]:
+                self.placement.has_forgotten(place, back[place])
 
     def _read_slow(self, slow: BlockReads) -> None:
         for items, first, place, data, _, hardware in slow.run():
@@ -537,11 +425,14 @@ class ChainLink:
             Member(place, items) for place in places if (items := self._present(place, roles))
         ]
         found: dict[int, tuple[Values, int]] = {}
+        began = time.monotonic()
         for _ in range(2):
             for roles_read, first, place, data, _, hardware in self._reads(missing).run():
                 if data is not None:
                     found[place] = values_of(roles_read, first, data), hardware
             missing = [member for member in missing if member.place not in found]
+        silent = np.array([member.place for member in missing], dtype=np.int64)
+        self.silences.go_on(silent, began, time.monotonic())
         return found
 
     def learn(self, place: int, values: Values) -> None:
@@ -605,9 +496,7 @@ class ChainLink:
         for address, data in runs(state.table, values):
             bus.write(servo, address, data)
         self.refresh(state, values)
-        other = self._other_homing(place)
-        self._shift({place: other - self._homing[place]})
-        self._homing[place] = other
+        self.placement.has_other_registers(place)
 
     def send(self, name: str, places: Sequence[int], counts: Counts) -> None:
         """Write one goal register of servos (n,), prepared at the first use.

@@ -12,7 +12,7 @@ from crtk_driver_dynamixel import arms
 from crtk_driver_dynamixel.gripper import Finger, Jaw, Linear, SliderCrank
 from crtk_driver_dynamixel.groups import MOST_GAPS
 from crtk_driver_dynamixel.models import Model, OperatingMode, model_named
-from crtk_drivers.config import DeviceConfig, Settings
+from crtk_drivers.config import BehindConfig, DeviceConfig, Settings
 from crtk_drivers.kit.serial_server import PortName
 
 MAIN_BUS = "main"
@@ -343,8 +343,8 @@ class FingerConfig(Settings):
         return self
 
 
-class GripperConfig(ServoConfig):
-    """The gripper, in the namespace ``gripper``: one joint, whose position is the opening."""
+class GripperConfig(BehindConfig, ServoConfig):
+    """The gripper behind the arm: one joint, whose position is the opening."""
 
     joint: str = Field(
         default="gripper", min_length=1, max_length=64, description="Name of its joint."

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import threading
-import time
 from abc import abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -43,9 +42,6 @@ from crtk_drivers.samples import JointState, Sample, Stamp, Value, Vector, vecto
 from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
-
-GRIPPER: Final = "gripper"
-"""Namespace of the gripper."""
 
 LAG: Final = 0.2
 """Seconds in which a servo without a profile carries a goal out: transport, and its own loop."""
@@ -151,11 +147,10 @@ class _ChainDevice(Device):
         self._seen_cycle = link.cycles
         frame = link.frame
         assert frame is not None
-        self._silent(frame, time.monotonic())
+        self._silent()
         self.part.step()
-        now = time.monotonic()  # a stop may have waited long for answers
-        silent = self._silent(frame, now)
-        self._judge(frame, now)
+        silent = self._silent()  # a stop may have waited long for answers
+        self._judge()
         stamp, usable, is_whole = self._acquired(frame)
         if stamp.monotonic > self._stamp:
             self._stamp = stamp.monotonic
@@ -167,14 +162,14 @@ class _ChainDevice(Device):
         # The link is there, and the fault tells who is missing.
         return Sample(Stamp(0, frame.stamp.monotonic), self._last) if silent else None
 
-    def _silent(self, frame: Frame, now: float) -> list[int]:
+    def _silent(self) -> list[int]:
         """Return the places of the servos that have not answered for `silent_timeout`.
 
         Raises:
             ConnectionLost: none of the chain has.
         """
-        silent = self.part.silent(frame, now)
-        if len(silent) == len(self.part.places) and not self.part.has_company(frame, now):
+        silent = self.part.silent()
+        if len(silent) == len(self.part.places) and not self.part.has_company():
             raise lost(self.address)
         return silent
 
@@ -194,8 +189,8 @@ class _ChainDevice(Device):
         stamp = Stamp(frame.stamp.wall_ns - round(age * 1e9), oldest)
         return stamp, usable, bool(seen.min() >= oldest)
 
-    def _judge(self, frame: Frame, now: float) -> None:
-        trouble = self.part.trouble(frame, now)
+    def _judge(self) -> None:
+        trouble = self.part.trouble()
         if not trouble:
             self._condition = Condition()
         elif trouble != self._condition.reason:
@@ -420,7 +415,14 @@ class ArmDevice(_ChainDevice):
     @property
     @override
     def children(self) -> Mapping[str, Device]:
-        return {} if self._gripper is None else {GRIPPER: self._gripper}
+        return {} if self._gripper is None else {self._gripper.name: self._gripper}
+
+    @property
+    @override
+    def followers(self) -> frozenset[str]:
+        if self._gripper is None or self._gripper.has_own_state:
+            return frozenset()
+        return frozenset(self.children)
 
     @override
     def _state(self, frame: Frame, usable: NDArray[np.bool_], *, is_whole: bool) -> JointState:
@@ -452,12 +454,17 @@ class GripperDevice(_ChainDevice):
     Args:
         link, part, config: see the base class.
         gripper: its configuration.
+
+    Attributes:
+        name: its sub-namespace.
+        has_own_state: it does not follow the operating state of the arm.
     """
 
     def __init__(
         self, link: ChainLink, part: Part, config: DynamixelConfig, gripper: GripperConfig
     ) -> None:
         super().__init__(link, part, config)
+        self.name, self.has_own_state = gripper.name, gripper.own_state
         self._finger = gripper.finger.finger
         limits = self.part.chain.gripper_limits
         assert limits is not None

@@ -4,28 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 from crtk_driver_dynamixel.tool_options import BAUDS
 from crtk_driver_dynamixel.tools import require_libraries
+from crtk_drivers.kit.adapters import serial_adapters
 from crtk_drivers.plugins import Finder, FoundDevice
 
 IDS: Final = range(31)
 """Ids that are asked; `crtk-driver dynamixel scan` asks all."""
 
 PROTOCOLS: Final = (2, 1)
-
-_BY_ID: Final = Path("/dev/serial/by-id")
-_ADAPTERS: Final = ("ttyUSB*", "ttyACM*")
-
-
-def _places() -> list[str]:
-    """Return the USB serial adapters, by their lasting names where they have some."""
-    lasting = sorted(_BY_ID.glob("*")) if _BY_ID.is_dir() else []
-    if lasting:
-        return list(map(str, lasting))
-    return [str(path) for name in _ADAPTERS for path in sorted(Path("/dev").glob(name))]
 
 
 def _look(port: str) -> Iterable[FoundDevice]:
@@ -58,4 +47,4 @@ def _joints(servos: Sequence[tuple[int, str, int]]) -> Mapping[str, Any]:
     }
 
 
-FINDER: Final = Finder(_places, lambda place: place.startswith("/"), _look)
+FINDER: Final = Finder(serial_adapters, lambda place: place.startswith("/"), _look)

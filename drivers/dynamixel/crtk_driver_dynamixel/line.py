@@ -185,8 +185,9 @@ class Line:
         _, buffer, deadline, over = received
         start = buffer.find(reply.prefix)
         while not over and (start < 0 or len(buffer) < start + reply.size):
+            is_last_look = self._clock() >= deadline
             data = self.port.read(deadline)
-            over = not data
+            over = not data or is_last_look
             buffer += data
             start = buffer.find(reply.prefix)
         parser.longest = max(parser.longest, len(request), reply.size)
@@ -312,7 +313,7 @@ class Line:
         matcher = Matcher(slots)
         first_due = deadline
         earliest = self._free_at + self.port.wire_time(slots[0].size)
-        is_early = certain = False
+        is_early = certain = has_looked_late = False
         statuses = parser.feed(received)
         while True:
             at = matcher.at
@@ -333,6 +334,9 @@ class Line:
                 deadline = first_due
             elif matcher.at != at:
                 deadline = now + slots[matcher.at].time
+            # One last look, not more: noise that never ends would keep this thread for ever.
+            over = over or (has_looked_late and now >= deadline)
+            has_looked_late = now >= deadline
             data = b"" if over else self.port.read(deadline)
             over = not data
             statuses = parser.finish() if over else parser.feed(data)

@@ -163,9 +163,11 @@ class Modes:
         wanted: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
         settings = registers.ram(servo, state.table, self._config, state.values)
         wanted |= {s.item.name: s.value for s in settings if not s.item.eeprom}
-        if servo.effort_mode is OperatingMode.PWM and "pwm_limit" in state.values:
-            # What Goal PWM was in PWM mode would limit the voltage in the other modes.
-            wanted.setdefault("goal_pwm", state.values["pwm_limit"])
+        for bound, limit in (("goal_pwm", "pwm_limit"), ("goal_current", "current_limit")):
+            if limit in state.values and state.has(bound):
+                # What it was before, by another configuration or mode, would bound the other modes.
+                _, most = state.table.item(bound).range
+                wanted.setdefault(bound, min(state.values[limit], most))
         goal = self._goal_at(place, count) if kind is Kind.POSITION else 0
         wanted[self.goal_register(place, kind)] = goal
         return {name: value for name, value in wanted.items() if state.has(name)}

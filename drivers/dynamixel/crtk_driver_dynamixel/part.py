@@ -33,6 +33,7 @@ from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import DeviceFault, StopUnconfirmed
+from crtk_drivers.kit.waiting_steps import until
 
 logger = logging.getLogger(__name__)
 
@@ -123,7 +124,7 @@ class Part:
     @property
     def doubts(self) -> list[str]:
         """Of which servos it is not known which turn they are in, and why."""
-        return [text for place, text in self._link.doubts.items() if place in self.places]
+        return [text for place, text in self._link.placement.doubts.items() if place in self.places]
 
     @property
     def stop_time(self) -> float:
@@ -166,21 +167,20 @@ class Part:
         self._is_free = self._is_stopping = False
         self._stop.clear()
 
-    def has_company(self, frame: Frame, now: float) -> bool:
+    def has_company(self) -> bool:
         """Whether other servos of the chain still answer."""
-        others = np.delete(frame.seen, self._index)
-        return bool((others >= now - self._config.silent_timeout).any())
+        others = np.delete(self._link.silences.lasting, self._index)
+        return bool((others <= self._config.silent_timeout).any())
 
-    def silent(self, frame: Frame, now: float) -> list[int]:
+    def silent(self) -> list[int]:
         """Return the places of the servos that have not answered for `silent_timeout`."""
-        limit = now - self._config.silent_timeout
-        return [place for place in self.places if frame.seen[place] < limit]
+        silences, limit = self._link.silences.lasting, self._config.silent_timeout
+        return [place for place in self.places if silences[place] > limit]
 
-    def trouble(self, frame: Frame, now: float) -> str:
+    def trouble(self) -> str:
         """Return what keeps these servos from being used, in words; empty if nothing does."""
         found = [self._fault] if self._fault else []
-        silent = self.silent(frame, now)
-        found += [f"{self._name(place)} does not answer" for place in silent]
+        found += [f"{self._name(place)} does not answer" for place in self.silent()]
         for place in self.places:
             health = self._link.health[place]
             if health.error_text:
@@ -327,11 +327,11 @@ class Part:
 
     def _answering(self) -> list[int]:
         """Return the servos that answer and have no error: those that do what they are told."""
-        gone = {*self.silent(self._frame, time.monotonic()), *self._broken()}
+        gone = {*self.silent(), *self._broken()}
         return [place for place in self.places if place not in gone]
 
     def _is_troubled(self) -> bool:
-        return bool(self.trouble(self._frame, time.monotonic()))
+        return bool(self.trouble())
 
     def _broken(self) -> list[int]:
         return [place for place in self.places if self._link.health[place].error_text]
@@ -374,7 +374,7 @@ class Part:
         yield from self._switch(Kind.POSITION)
         link.read_health(places)
         end = time.monotonic() + SETTLE_TIME
-        while self.silent(self._frame, time.monotonic()) and time.monotonic() < end:
+        while self.silent() and time.monotonic() < end:
             yield  # one that was silent before is read only now and then
 
     def _tell_limits(self) -> None:
@@ -439,6 +439,10 @@ class Part:
         Raises:
             DeviceFault: a servo keeps its torque.
         """
+        self._pending = None
+        # At its end a change of mode, or a stop, gives the torque back.
+        while not self.takes_setpoints:
+            yield
         self._is_free = True
         self._sent.forget()
         yield from make_sure(self._link, self._each({"torque_enable": 0}))
@@ -447,11 +451,11 @@ class Part:
 
     def trust(self) -> None:
         """Take the servos to be in the turns that they are believed to be in."""
-        self._link.trust(self.places)
+        self._link.placement.trust(self.places)
 
     def distrust(self) -> None:
         """Take the servos of more than one turn as not homed."""
-        self._link.distrust(self.places)
+        self._link.placement.distrust(self.places)
 
     def let_go(self) -> None:
         """Take the torque away now; the next cycles make sure of those that answer."""
@@ -459,7 +463,7 @@ class Part:
         self.kind = self._pending = None
         self._sent.forget()
         self._is_free = self._is_stopping = False
-        gone = self.silent(self._frame, time.monotonic())
+        gone = self.silent()
         held = {place: {"torque_enable": 0} for place in self.places if place not in gone}
         self._work = make_sure(self._link, held, written=True)
 
@@ -473,12 +477,10 @@ class Part:
             ConnectionLost: the adapter is gone; the servos' own watchdogs end motion then.
             StopUnconfirmed: it could not be read back that all have stopped; with who it is.
         """
-        end = time.monotonic() + max(LEAVE_TIME, self._stopping.time)
         if not self._armed and self.kind is None and self.has_stopped:
             return
-        while not self.has_stopped or self._work is not None:
-            if time.monotonic() >= end:
-                break
+        limit = max(LEAVE_TIME, self._stopping.time)
+        for _ in until(lambda: self.has_stopped and self._work is None, limit):
             if self._work is not None or self._stop.is_set():
                 self.step()
             else:

@@ -102,7 +102,7 @@ def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> S
             first,
             state.table,
             config,
-            link.calibrated.get((servo.bus, servo.id)),
+            link.placement.calibrated.get((servo.bus, servo.id)),
         )
         wanted = {
             setting.item.name: setting.written(state.values[setting.item.name])

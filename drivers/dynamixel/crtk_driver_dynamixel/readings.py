@@ -60,6 +60,48 @@ class Frame:
     seen: NDArray[np.float64]
     valid: NDArray[np.bool_]
 
+    def take_back(self, place: int, before: Frame) -> None:
+        """Have a servo count as one that did not answer since the frame before."""
+        for now, last in (
+            (self.position, before.position),
+            (self.velocity, before.velocity),
+            (self.effort, before.effort),
+            (self.seen, before.seen),
+        ):
+            now[place] = last[place]
+        self.valid[place] = False
+
+
+class Silences:
+    """How long servos have left unanswered what they were asked.
+
+    While a driver is held up it asks nothing: that is no silence of theirs, however long ago they answered.
+
+    Args:
+        count: of servos.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._since = np.full(count, math.inf)
+        self._until = np.full(count, -math.inf)
+
+    @property
+    def lasting(self) -> NDArray[np.float64]:
+        """Seconds (servos,) from the first request that each left unanswered to the end of the wait for the
+        last one; -inf: it answered.
+        """
+        lasting: NDArray[np.float64] = self._until - self._since
+        return lasting
+
+    def broken(self, places: NDArray[np.bool_]) -> None:
+        """These servos (servos,) have answered."""
+        self._since[places] = math.inf
+
+    def go_on(self, places: NDArray[np.int64], began: float, ended: float) -> None:
+        """Servos were asked in vain: their places, monotonic seconds of the request and of the wait's end."""
+        self._since[places] = np.minimum(self._since[places], began)
+        self._until[places] = ended
+
 
 @dataclass(slots=True)
 class Health:

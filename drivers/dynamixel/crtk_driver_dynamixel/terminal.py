@@ -111,7 +111,7 @@ def scan_bus(
 ) -> Iterator[Found | int]:
     """Yield every servo that answers, and the rate after each id that was asked.
 
-    Where one has answered, those that have not are asked again: an answer may be lost.
+    Where one has answered, those that have not are asked twice more: an answer may be lost.
 
     Raises:
         ConnectionFailed: the port cannot be opened.
@@ -123,21 +123,21 @@ def scan_bus(
             silent = []
             for protocol in protocols:
                 for id in ids:
-                    one = _ask(bus, name, baud, protocol, id)
+                    one = _ask(bus, name, baud, protocol, id, attempts=1)
                     if one is not None:
                         yield one
                     else:
                         silent.append((protocol, id))
                     yield baud
             if len(silent) < len(protocols) * len(ids):
-                again = (_ask(bus, name, baud, protocol, id) for protocol, id in silent)
+                again = (_ask(bus, name, baud, protocol, id, attempts=2) for protocol, id in silent)
                 yield from (one for one in again if one is not None)
 
 
-def _ask(bus: Bus, name: str, baud: int, protocol: int, id: int) -> Found | None:
+def _ask(bus: Bus, name: str, baud: int, protocol: int, id: int, attempts: int) -> Found | None:
     bus.set_link(id, protocol=protocol)
     try:
-        told = bus.ping(id, attempts=1)
+        told = bus.ping(id, attempts=attempts)
         number, firmware = told.model, told.firmware
         if protocol == 1:
             data = bus.read(id, 0, TABLE_START)
@@ -331,7 +331,7 @@ def _check_writable(link: ChainLink, places: Iterable[int]) -> None:
                 where=link.address,
                 remedy="Support the arm, send disable, end the driver, and try again.",
             )
-        calibrated = link.calibrated.get((servo.bus, servo.id))
+        calibrated = link.placement.calibrated.get((servo.bus, servo.id))
         offset = state.values.get("homing_offset")
         if calibrated is not None and offset not in (None, calibrated.homing_offset):
             raise ConnectionFailed(

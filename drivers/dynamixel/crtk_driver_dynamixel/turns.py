@@ -45,7 +45,8 @@ class Turns(Settings):
     positions: dict[str, FiniteFloat] = Field(description="Joint positions in rad, by name.")
     shifts: dict[str, int] = Field(
         default={},
-        description="Counts by which servos are in other turns than they count, by bus/id.",
+        description="Counts by which servos are in other turns than they count, by bus/id; without those "
+        "whose turn was not known.",
     )
 
 
@@ -70,7 +71,7 @@ def placed(
         servo: in a mode of more than one turn.
         count: its present position.
         last: position of its joint in the file, in rad.
-        shift: of the servo in the file; None if it is not there.
+        shift: of the servo in the file; None if it is not there: its turn was not known.
         clean: the file is.
         has_run_on: the servo has not lost its power since the file was marked as not clean.
     """
@@ -82,7 +83,8 @@ def placed(
     turns = round(off / period)
     guess = -servo.sign * turns * family.counts
     if not clean:
-        return Placed(guess, "the driver did not end in order, and the servo lost its power")
+        why = "it was not homed before" if has_run_on else "the servo lost its power"
+        return Placed(guess, f"the driver did not end in order, and {why}")
     if abs(off - turns * period) > MOST_OFF * period:
         return Placed(guess, "it was turned by more than a quarter of a turn while nobody looked")
     return Placed(guess)

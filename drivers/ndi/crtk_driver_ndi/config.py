@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from crtk_driver_ndi.families import FAMILIES, UNKNOWN, Family
 from crtk_driver_ndi.rom import read_rom
 from crtk_drivers.config import DeviceConfig, Settings
-from crtk_drivers.config.settings import Seconds
+from crtk_drivers.config.settings import PoseConfig, Seconds
 
 __all__ = ["BAUDS", "TCP_PORT", "NdiConfig", "ToolConfig"]
 
@@ -47,6 +47,12 @@ class ToolConfig(Settings):
         default="", max_length=8, description="Of a wired tool, as `crtk-driver ndi scan` shows it."
     )
 
+    tip: PoseConfig | None = Field(
+        default=None,
+        description="Where its tip is in its own frame, as `crtk-driver calibrate pivot` finds it; poses are "
+        "then those of the tip.",
+    )
+
     @model_validator(mode="after")
     def _one_source(self) -> ToolConfig:
         if sum(map(bool, (self.rom, self.part_number, self.serial_number))) != 1:
@@ -75,7 +81,7 @@ class NdiConfig(DeviceConfig):
 
     HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "Tracker": ("transport", "host", "tcp_port", "port", "baud", "family", "replies", "volume"),
-        "Tools": ("tools", "reference", "outside", "frame_id"),
+        "Tools": ("tools", "reference", "outside", "strays", "frame_id"),
     }
 
     transport: Literal["tcp", "serial"] = Field(
@@ -106,6 +112,10 @@ class NdiConfig(DeviceConfig):
         default="tell",
         description="A tool that is seen outside of the volume, or partly: tell its pose and its quality, or "
         "take it as missing.",
+    )
+    strays: bool = Field(
+        default=False,
+        description="Ask for markers that belong to no tool, too: they are in `measured_cp_array`.",
     )
     frame_id: str = Field(
         default="tracker", min_length=1, max_length=100, description="Name of the tracker's frame."

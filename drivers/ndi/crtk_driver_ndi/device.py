@@ -9,9 +9,9 @@ from typing_extensions import override
 
 from crtk_driver_ndi.codec import error_text
 from crtk_driver_ndi.config import NdiConfig
-from crtk_driver_ndi.frames import PARSERS, SYSTEM_STATUS, told
+from crtk_driver_ndi.frames import PARSERS, STRAY_PARSERS, SYSTEM_STATUS, Frame, told
 from crtk_driver_ndi.stream import FrameStream
-from crtk_driver_ndi.tool import STOP, ToolDevice
+from crtk_driver_ndi.tool import MM, STOP, ToolDevice, place_of
 from crtk_driver_ndi.tracker import WRONG_MODE, Tracker
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import (
@@ -21,20 +21,23 @@ from crtk_drivers.device import (
     Device,
     Note,
     Reading,
+    Sensor,
     Service,
-    Setpoint,
     Severity,
     Steps,
 )
 from crtk_drivers.errors import ConfigError, TransitionFailed
-from crtk_drivers.samples import Number, Sample, Stamp
+from crtk_drivers.geometry.frames import relative
+from crtk_drivers.samples import Number, Pose, Poses, Sample, Stamp, vector
 
 __all__ = ["NdiDevice"]
 
 logger = logging.getLogger(__name__)
 
+UNTURNED = vector((0.0, 0.0, 0.0, 1.0))
 
-class NdiDevice(Device):
+
+class NdiDevice(Sensor):
     """One tracker. What it sees its tools tell.
 
     Args:
@@ -65,12 +68,16 @@ class NdiDevice(Device):
                 remedy=f"Tools are: {', '.join(names) or 'none'}.",
             )
         reference = names.index(config.reference) if config.reference else None
+        self._reference = reference
+        self._frame = config.reference or config.frame_id
+        self._last = Poses((), self._frame)
         self._tools = {
             name: ToolDevice(self._tracker, name, place, None if place == reference else reference)
             for place, name in enumerate(names)
         }
         self._capabilities = Capabilities(
-            measured=(),
+            type="tracker",
+            measured=("measured_cp_array",),
             rate=config.known_family.rate,
             paced_by_stream=True,
             base_frame=config.frame_id,
@@ -119,17 +126,36 @@ class NdiDevice(Device):
 
     @override
     def read(self, deadline: float) -> Sample | None:
-        """Return a sample without values when it has answered."""
-        return Sample(Stamp.now()) if self._tracker.read(deadline) else None
+        """Return all that the newest frame shows: nothing while it does not track, and answers."""
+        if not self._tracker.read(deadline):
+            return None
+        stream, frame = self._tracker.stream, None
+        if stream is not None:
+            frame = stream.newest
+        if stream is None or frame is None:
+            return Sample(Stamp.now(), {"measured_cp_array": Poses((), self._frame)})
+        seen = self._seen(frame)
+        if seen is None:
+            return Sample(Stamp(0, stream.stamp.monotonic), {"measured_cp_array": self._last})
+        self._last = seen
+        return Sample(stream.stamp, {"measured_cp_array": seen})
 
-    @override
-    def write(self, setpoint: Setpoint) -> None:
-        """Not called: nothing moves."""
-        raise NotImplementedError
-
-    @override
-    def stop(self) -> None:
-        """Nothing moves."""
+    def _seen(self, frame: Frame) -> Poses | None:
+        """Return where tools and strays are; None while the reference is missing."""
+        config = self._config
+        found = [place_of(self._tracker, place) for place in range(len(config.tools))]
+        poses = [pose for pose in found if pose is not None]
+        poses += [
+            Pose(vector((MM * stray.x, MM * stray.y, MM * stray.z)), UNTURNED)
+            for stray in frame.strays
+            if config.outside == "tell" or not stray.out_of_volume
+        ]
+        if self._reference is None:
+            return Poses(tuple(poses), self._frame)
+        reference = found[self._reference]
+        if reference is None:
+            return None
+        return Poses(tuple(relative(reference, pose) for pose in poses), self._frame)
 
     @override
     def enable(self) -> Steps:
@@ -150,11 +176,12 @@ class NdiDevice(Device):
         if error not in (None, WRONG_MODE):  # that: it tracks already
             raise self._refused("TSTART:80", error)
         family, wanted = prepared.identity.family, self._config.replies
+        parsers = STRAY_PARSERS if self._config.strays else PARSERS
         for kind in family.replies if wanted == "auto" else (wanted,):
-            error = (yield from tracker.asking(PARSERS[kind][0])).error
+            error = (yield from tracker.asking(parsers[kind][0])).error
             if error is None:
                 logger.info("%s: it tracks, and tells frames by %s", self.address, kind)
-                tracker.stream = FrameStream(family.rate, kind)
+                tracker.stream = FrameStream(family.rate, kind, parsers)
                 return
         raise self._refused("the question for frames", error)
 
@@ -181,7 +208,12 @@ class NdiDevice(Device):
     @override
     def readings(self) -> Mapping[str, Reading]:
         summary = "how many tools have a pose"
-        return {"tools_in_view": Reading(summary, Payload.NUMBER, self._in_view)}
+        return {
+            "tools_in_view": Reading(summary, Payload.NUMBER, self._in_view),
+            "stray_markers": Reading(
+                "how many markers belong to no tool", Payload.NUMBER, self._stray_markers
+            ),
+        }
 
     @property
     @override
@@ -225,6 +257,12 @@ class NdiDevice(Device):
         if stream is None or stream.newest is None:
             return None
         return Number(float(sum(t.values is not None for t in stream.newest.tools.values())))
+
+    def _stray_markers(self) -> Number | None:
+        stream = self._tracker.stream
+        if stream is None or stream.newest is None or not self._config.strays:
+            return None
+        return Number(float(len(stream.newest.strays)))
 
     def _refused(self, what: str, code: int | None) -> TransitionFailed:
         return TransitionFailed(

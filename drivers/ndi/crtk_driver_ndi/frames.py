@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -19,9 +19,11 @@ from crtk_drivers.kit import BadData
 __all__ = [
     "PARSERS",
     "PORT_STATUS",
+    "STRAY_PARSERS",
     "SYSTEM_STATUS",
     "TOOL_STATUS",
     "Frame",
+    "Parsers",
     "Stray",
     "ToolSeen",
     "told",
@@ -393,7 +395,10 @@ def _alerts(body: bytes, at: int, end: int, items: int, frame: Frame) -> None:
 _INNER: Final[Mapping[int, _Reader]] = {2: _tools, 3: _markers, 4: _buttons, 0x12: _alerts}
 _OUTER: Final[Mapping[int, _Reader]] = {1: _frames, 0x12: _alerts}
 
-PARSERS: Final[Mapping[str, tuple[str, Callable[[Reply], Frame]]]] = MappingProxyType(
+Parsers = Mapping[str, tuple[str, Callable[[Reply], Frame]]]
+"""By the name of the command: how frames are asked for, and what reads the answer."""
+
+PARSERS: Final[Parsers] = MappingProxyType(
     {
         "BX2": ("BX2:--6d=tools --1d=buttons", parse_bx2),
         "BX": ("BX:0801", parse_bx),
@@ -401,3 +406,12 @@ PARSERS: Final[Mapping[str, tuple[str, Callable[[Reply], Frame]]]] = MappingProx
     }
 )
 """How the tools are asked for, with what is out of volume, and how the answer is read; the best first."""
+
+STRAY_PARSERS: Final[Parsers] = MappingProxyType(
+    {
+        "BX2": ("BX2:--6d=tools --3d=strays --1d=buttons", parse_bx2),
+        "BX": ("BX:1801", partial(parse_bx, strays=True)),
+        "TX": ("TX:1801", parse_tx),
+    }
+)
+"""The same, with markers that belong to no tool."""

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from crtk_driver_ndi.config import NdiConfig
+from crtk_driver_ndi.rom import read_rom
 from crtk_driver_ndi.tools import TOOLS
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim
+from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, SimFault
+from crtk_drivers.samples import Pose
 
 _SIMULATED: Final = (
     {"name": "pointer", "part_number": "SIM-POINTER"},
@@ -54,6 +56,20 @@ def _sim_options(config: NdiConfig) -> Mapping[str, Any]:
     return {"wired": ",".join(wired), **family}
 
 
+def _markers(config: NdiConfig) -> Mapping[str, str]:
+    return {
+        tool.namespace: read_rom(tool.rom).part_number if tool.rom else tool.part_number
+        for tool in _with_tools(config).tools
+    }
+
+
+def _put(sim: RunningSim, marker: str, pose: Pose, wall_ns: int) -> None:
+    position, orientation = pose.position.tolist(), pose.orientation.tolist()
+    sim.control.call(
+        "put", part_number=marker, ns=wall_ns, position=position, orientation=orientation
+    )
+
+
 def _link(config: NdiConfig, sim: RunningSim | None) -> DeviceLink | None:
     if config.transport == "tcp":
         return DeviceLink(config.host, {"tcp": config.tcp_port})
@@ -80,6 +96,9 @@ PLUGIN = DevicePlugin(
     check_real=_check_real,
     sim_config=_at_sim,
     sim_options=_sim_options,
+    markers=_markers,
+    sim_put=_put,
+    sim_faults={SimFault.COVER: "hide"},
     tools=TOOLS,
     link=LinkAccess(_link, _at_link),
 )

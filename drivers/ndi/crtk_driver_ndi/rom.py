@@ -12,8 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from crtk_drivers.config.capped_file import read_capped
 from crtk_drivers.errors import ConfigError
-from crtk_drivers.kit.capped_file import read_capped
 
 __all__ = ["CHUNK", "SIZE", "TYPES", "Rom", "parse_rom", "read_rom"]
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from crtk_driver_ndi.codec import Reply
-from crtk_driver_ndi.frames import PARSERS, Frame
+from crtk_driver_ndi.frames import PARSERS, Frame, Parsers
 from crtk_drivers.kit.clock_fit import ClockFit, WallClock
 from crtk_drivers.samples import Stamp
 
@@ -33,6 +33,7 @@ class FrameStream:
     Args:
         rate: of the tracker, in Hz, as far as it is known.
         kind: how frames are asked for, see `crtk_driver_ndi.frames.PARSERS`.
+        parsers: these, or those that ask for stray markers too.
 
     Attributes:
         kind: as given.
@@ -41,9 +42,9 @@ class FrameStream:
         frames, repeated, lost: frames told, replies without a new one, and frames that were never seen.
     """
 
-    def __init__(self, rate: float, kind: str) -> None:
+    def __init__(self, rate: float, kind: str, parsers: Parsers = PARSERS) -> None:
         self.kind = kind
-        self.question, self._parse = PARSERS[kind]
+        self.question, self._parse = parsers[kind]
         self.newest: Frame | None = None
         self.stamp = Stamp(0, 0.0)
         self.frames = self.repeated = self.lost = 0

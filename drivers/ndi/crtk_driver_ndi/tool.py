@@ -15,19 +15,19 @@ from crtk_drivers.commands import Payload
 from crtk_drivers.device import (
     Capabilities,
     Condition,
-    Device,
     Reading,
-    Setpoint,
+    Sensor,
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionFailed, ConnectionLost, TransitionFailed
-from crtk_drivers.geometry.frames import relative
+from crtk_drivers.errors import TransitionFailed
+from crtk_drivers.geometry.frames import product, relative
 from crtk_drivers.geometry.quaternions import unit
+from crtk_drivers.kit.device_behind import DeviceBehind
 from crtk_drivers.samples import Flag, Number, Numbers, Pose, Sample, Stamp, Text, Value, vector
 from crtk_drivers.state import OperatingState
 
-__all__ = ["STOP", "ToolDevice", "pose_of"]
+__all__ = ["MM", "OUTSIDE", "STOP", "ToolDevice", "place_of", "pose_of"]
 
 MM: Final = 1e-3
 OUTSIDE: Final = frozenset({"out of volume", "partly out of volume"})
@@ -56,7 +56,20 @@ def pose_of(seen: ToolSeen | None, outside: str, frame_id: str) -> Pose | None:
     return Pose(vector((x * MM, y * MM, z * MM)), unit(vector((qx, qy, qz, q0))), frame_id)
 
 
-class ToolDevice(Device):
+def place_of(tracker: Tracker, place: int) -> Pose | None:
+    """Return where the tip of a tool is in the tracker's frame; None if it is missing.
+
+    Args:
+        tracker: that sees it.
+        place: of the tool in the configuration.
+    """
+    config = tracker.config
+    pose = pose_of(tracker.seen(place), config.outside, config.frame_id)
+    tip = config.tools[place].tip
+    return pose if pose is None or tip is None else product(pose, tip.pose)
+
+
+class ToolDevice(DeviceBehind, Sensor):
     """One tool: where it is, in the frame of the tracker or of the reference tool.
 
     Args:
@@ -68,13 +81,11 @@ class ToolDevice(Device):
 
     def __init__(self, tracker: Tracker, name: str, place: int, reference: int | None) -> None:
         config = tracker.config
-        self.name = name
         self._tracker = tracker
         self._place = place
         self._reference = reference
-        self._outside, self._frame_id = config.outside, config.frame_id
         self._base = config.frame_id if reference is None else config.reference
-        self._capabilities = Capabilities(
+        capabilities = Capabilities(
             measured=("measured_cp",)
             if reference is None
             else ("measured_cp", "local/measured_cp"),
@@ -83,23 +94,14 @@ class ToolDevice(Device):
             tool_frame=name,
             stop=STOP,
         )
+        super().__init__(tracker, name, capabilities, "the tracker")
         self._told = 0.0, 0
         self._last: Mapping[str, Value] = {}
 
     @property
     @override
-    def capabilities(self) -> Capabilities:
-        return self._capabilities
-
-    @property
-    @override
-    def address(self) -> str:
-        return f"{self._tracker.address} {self.name}"
-
-    @property
-    @override
-    def bus(self) -> str:
-        return self._tracker.address
+    def is_linked(self) -> bool:
+        return self._tracker.prepared is not None
 
     @property
     @override
@@ -109,20 +111,10 @@ class ToolDevice(Device):
         return Condition(OperatingState.DISABLED, "the tracker does not track")
 
     @override
-    def open(self, deadline: float) -> None:
-        if self._tracker.prepared is None:
-            raise ConnectionFailed("the tracker is not connected", where=self.address)
-
-    @override
-    def close(self) -> None:
-        """The link is the tracker's."""
-
-    @override
     def read(self, deadline: float) -> Sample | None:
         """Return what the tracker has just brought; missing, the last pose with stamp 0."""
+        self.check_link()
         tracker, stream = self._tracker, self._tracker.stream
-        if tracker.prepared is None:
-            raise ConnectionLost("the tracker is not connected", where=self.address)
         before = self._told
         self._told = tracker.alive, stream.frames if stream is not None else 0
         if self._told == before:
@@ -134,15 +126,6 @@ class ToolDevice(Device):
             return Sample(Stamp(0, stream.stamp.monotonic), self._last)
         self._last = values
         return Sample(stream.stamp, values)
-
-    @override
-    def write(self, setpoint: Setpoint) -> None:
-        """Not called: nothing moves."""
-        raise NotImplementedError
-
-    @override
-    def stop(self) -> None:
-        """Nothing moves."""
 
     @override
     def enable(self) -> Steps:
@@ -180,7 +163,7 @@ class ToolDevice(Device):
         return self._tracker.seen(self._place)
 
     def _pose(self, place: int) -> Pose | None:
-        return pose_of(self._tracker.seen(place), self._outside, self._frame_id)
+        return place_of(self._tracker, place)
 
     def _values(self) -> Mapping[str, Value]:
         """Return what is measured; empty if it or the reference is missing."""

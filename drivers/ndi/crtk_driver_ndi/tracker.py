@@ -15,7 +15,7 @@ from typing import Final
 from crtk_driver_ndi.codec import Reply, error_text
 from crtk_driver_ndi.config import NdiConfig
 from crtk_driver_ndi.frames import ToolSeen
-from crtk_driver_ndi.link import NdiLink, Refused, patience_for
+from crtk_driver_ndi.link import QUIET, NdiLink, Refused, patience_for
 from crtk_driver_ndi.setup import Prepared, handles_of, prepare
 from crtk_driver_ndi.stream import FrameStream
 from crtk_drivers.device import Condition
@@ -38,6 +38,8 @@ REPLY: Final = 0.4
 """Seconds after which an answer that did not come is asked for again."""
 MOST_DAMAGED: Final = 5
 """Damaged replies one after the other that are no accident any more."""
+SURPLUS: Final = 20
+"""Replies that are dropped before a question at most."""
 WRONG_MODE: Final = 0x0C
 _RESET: Final = frozenset({0x0E, 0x10})
 """Errors of what was initialised and is not any more."""
@@ -72,7 +74,9 @@ class Tracker:
         self._asked_at = 0.0
         self._request = ""
         self._answer: Reply | None = None
-        self._damaged = 0
+        self._damaged = self._surplus = 0
+        self._doubts = 0
+        """Questions before which a reply that was missed may still come, or that to the one after it."""
         self._known: frozenset[int] = frozenset()
 
     @property
@@ -84,7 +88,11 @@ class Tracker:
     @property
     def counters(self) -> Mapping[str, float]:
         """For diagnostics."""
-        stream, own = self.stream, {"damaged_replies": float(self._link.damaged)}
+        stream = self.stream
+        own = {
+            "damaged_replies": float(self._link.damaged),
+            "surplus_replies": float(self._surplus),
+        }
         return own if stream is None else {**own, **stream.counters}
 
     def seen(self, place: int) -> ToolSeen | None:
@@ -118,7 +126,7 @@ class Tracker:
             self._link.close()
             raise
         self._known = frozenset(known)
-        self._damaged, self._asked, self._request = 0, "", ""
+        self._damaged, self._doubts, self._asked, self._request = 0, 0, "", ""
         self.condition = Condition()
         self.prepared = prepared
 
@@ -149,8 +157,8 @@ class Tracker:
             wait = min(deadline, self._due()) - time.monotonic()
             if not self._asked and wait > 0.0:  # poll would be late by up to a millisecond
                 time.sleep(wait)
-            self._ask_next()
             try:
+                self._ask_next()
                 reply = self._link.receive(min(deadline, self._patience()))
             except ProtocolError as error:
                 self._take_damage(error)
@@ -161,7 +169,7 @@ class Tracker:
                     return True
             elif self._asked not in ("", _REQUEST) and now > self._asked_at + REPLY:
                 self._link.forget()
-                self._asked = ""
+                self._asked, self._doubts = "", 2
             if now >= deadline:
                 if self._asked == _REQUEST:  # which has a bound of its own
                     self.alive = now
@@ -210,14 +218,34 @@ class Tracker:
         now = time.monotonic()
         if self._asked or now < self._due():
             return
+        self._drop_surplus()
         if self._request:
             self._asked, text = _REQUEST, self._request
         elif self.stream is not None:
             self._asked, text = _FRAME, self.stream.question
         else:
             self._asked = text = _HANDLES
-        self._asked_at = now
+        self._asked_at = time.monotonic()
         self._link.send(text)
+
+    def _drop_surplus(self) -> None:
+        """Leave out what has come before a question: it is the late reply to an earlier one."""
+        quiet = QUIET if self._doubts else 0.0
+        self._doubts = max(0, self._doubts - 1)
+        for _ in range(SURPLUS):
+            reply = self._link.receive(time.monotonic() + quiet)
+            if reply is None:
+                return
+            self._check_reset(reply)
+            self._surplus += 1
+
+    def _check_reset(self, reply: Reply, asked: str = _REQUEST) -> None:
+        if reply.is_reset or (reply.error in _RESET and asked != _REQUEST):
+            raise ConnectionLost(
+                "the tracker was reset: its tools are not initialised any more",
+                where=self.address,
+                remedy="The driver initialises it again; enable it then.",
+            )
 
     def _patience(self) -> float:
         """Return until when an answer is waited for."""
@@ -238,12 +266,7 @@ class Tracker:
     def _take(self, reply: Reply, now: float) -> bool:
         """Take a reply; return whether it is what was waited for."""
         asked, self._asked = self._asked, ""
-        if reply.is_reset or (reply.error in _RESET and asked != _REQUEST):
-            raise ConnectionLost(
-                "the tracker was reset: its tools are not initialised any more",
-                where=self.address,
-                remedy="The driver initialises it again; enable it then.",
-            )
+        self._check_reset(reply, asked)
         try:
             is_new = self._understand(asked, reply, now)
         except ValueError as error:

@@ -3,38 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Final, Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from crtk_driver_robotiq.models import MODELS, Model
-from crtk_drivers.config import DeviceConfig
-from crtk_drivers.kit.serial_server import PortName
+from crtk_drivers.kit.modbus_settings import ModbusConfig
 
-__all__ = ["PORTS", "RobotiqConfig"]
-
-PORTS: Final[Mapping[str, int]] = {"tool": 54321, "modbus": 502, "urcap": 63352}
-"""TCP port of each link that has one."""
+__all__ = ["RobotiqConfig"]
 
 
-class RobotiqConfig(DeviceConfig):
+class RobotiqConfig(ModbusConfig):
     """A Robotiq gripper."""
 
     HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "The gripper": ("model", "unit", "stroke", "joint", "open_count", "closed_count"),
-        "The way to it": (
-            "link",
-            "port",
-            "baud",
-            "host",
-            "tcp_port",
-            "address",
-            "rate",
-            "reply_timeout",
-        ),
+        "The way to it": ModbusConfig.WAY,
         "What it does": ("activate", "on_close", "speed", "force", "newtons_per_ampere"),
-        **DeviceConfig.HEADINGS,
+        **ModbusConfig.HEADINGS,
     }
+    PORTS: ClassVar[Mapping[str, int]] = {**ModbusConfig.PORTS, "urcap": 63352}
 
     model: Literal["2f-85", "2f-140", "hand-e"] = Field(
         default="2f-85", description="Which gripper it is; it cannot be asked."
@@ -65,22 +53,8 @@ class RobotiqConfig(DeviceConfig):
         description="Modbus RTU at a serial port; the same through a robot's tool (TCP 54321); Modbus TCP; "
         "or the text server of the Robotiq URCap (TCP 63352).",
     )
-    port: PortName = Field(
-        default="", description="Serial port: /dev/ttyUSB0, or socket://HOST:PORT."
-    )
     baud: int = Field(default=115_200, ge=1200, le=4_000_000, description="Bits a second there.")
-    host: str = Field(default="", description="Address of the robot, or of the Modbus TCP device.")
-    tcp_port: int | None = Field(
-        default=None, ge=1, le=65535, description="TCP port; the usual one of the link if null."
-    )
     address: int = Field(default=9, ge=1, le=247, description="Modbus address of the gripper.")
-    rate: float = Field(default=100.0, ge=1.0, le=250.0, description="Samples a second.")
-    reply_timeout: float = Field(
-        default=0.05,
-        gt=0.0,
-        le=5.0,
-        description="A question of Modbus that is not answered for this long, in s, is asked again.",
-    )
     activate: Literal["if needed", "always", "never"] = Field(
         default="if needed",
         description="Whether `enable` activates it, which opens and closes the fingers fully: when it is not "
@@ -88,7 +62,7 @@ class RobotiqConfig(DeviceConfig):
     )
     on_close: Literal["hold", "release", "nothing"] = Field(
         default="hold",
-        description="How it is left when the program ends, if it was enabled: stopped where it is, a grip "
+        description="How it is left when the program ends while it is enabled: stopped where it is, a grip "
         "kept; opened; or with nothing sent, so that a motion goes on. A lost link or a fault opens nothing.",
     )
     speed: float | None = Field(
@@ -129,8 +103,3 @@ class RobotiqConfig(DeviceConfig):
     def travel(self) -> float:
         """Opening when it is open, in the unit of the joint."""
         return self.stroke or (self.data.stroke if self.unit == "m" else self.data.angle)
-
-    @property
-    def number(self) -> int:
-        """TCP port of the link; 0 for a serial one."""
-        return self.tcp_port or PORTS.get(self.link, 0)

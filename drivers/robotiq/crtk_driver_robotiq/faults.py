@@ -3,30 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import Enum
 from types import MappingProxyType
-from typing import NamedTuple
 
 from crtk_driver_robotiq.registers import Status
+from crtk_drivers.kit.gripping import Fault, Weight
 
-__all__ = ["CONTROLLER", "GRIPPER", "Fault", "Weight", "fault_of"]
-
-
-class Weight(Enum):
-    """What a fault means for use."""
-
-    PASSES = "passes by itself, and hinders nothing"
-    INACTIVE = "not activated"
-    STOPS = "stops it until its cause is gone"
-    RESET = "stops it until it is activated anew"
-
-
-class Fault(NamedTuple):
-    """One fault."""
-
-    text: str
-    remedy: str
-    weight: Weight
+__all__ = ["CONTROLLER", "GRIPPER", "fault_of"]
 
 
 _ANEW = (

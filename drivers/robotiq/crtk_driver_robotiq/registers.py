@@ -49,6 +49,9 @@ class Command:
         activate: rACT; a change from false to true activates, which opens and closes the fingers fully.
         go: rGTO: go to the position; without it the fingers stop.
         position, speed, force: 0 to 255; position 0 is open.
+        only_goal: rACT and rGTO are left as they are, and not written: a gripper that somebody has reset
+            meanwhile is not activated by it.
+        halts: it ends a motion (rGTO), and should activate nothing; in Modbus rACT is beside rGTO.
     """
 
     activate: bool = True
@@ -56,12 +59,20 @@ class Command:
     position: int = 0
     speed: int = 0
     force: int = 0
+    only_goal: bool = False
+    halts: bool = False
+
+    @property
+    def address(self) -> int:
+        """The first register that is written."""
+        return COMMAND + self.only_goal
 
     @property
     def block(self) -> bytes:
-        """The bytes from register 1000 on, high byte first."""
+        """The bytes from that on, high byte first."""
         action = _ACT * self.activate | _GTO * self.go
-        return bytes((action, 0, 0, self.position, self.speed, self.force))
+        block = bytes((action, 0, 0, self.position, self.speed, self.force))
+        return block[2 * self.only_goal :]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +97,12 @@ class Status:
     requested: int
     position: int
     current: float | None
+
+    def ahead(self, counts: int) -> int:
+        """Return the position so many counts ahead on the way, but not beyond what was asked for."""
+        if self.requested > self.position:
+            return min(self.position + counts, self.requested)
+        return max(self.position - counts, self.requested)
 
     @classmethod
     def parse(cls, block: bytes) -> Status:

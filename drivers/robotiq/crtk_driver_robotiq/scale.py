@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from crtk_driver_robotiq.registers import COUNTS
@@ -48,6 +49,11 @@ class Scale:
         """Return the count to send for a speed; 0 is the least that there is."""
         slow, fast = self.speeds
         return _share((speed - slow) / (fast - slow))
+
+    def gone(self, speed: int, seconds: float) -> int:
+        """Return the counts that fingers go in a time, at a count of the speed: rather more than less."""
+        slow, fast = self.speeds
+        return math.ceil((slow + speed / COUNTS * (fast - slow)) * seconds / self.step)
 
     @staticmethod
     def force(share: float) -> int:

@@ -11,6 +11,8 @@ from rich.console import Console
 
 from crtk_driver_robotiq.config import RobotiqConfig
 from crtk_driver_robotiq.faults import fault_of
+from crtk_driver_robotiq.finding import GRIPPERS
+from crtk_driver_robotiq.ft300.finding import SENSORS
 from crtk_driver_robotiq.registers import COUNTS, Activation, Command, Contact, Status
 from crtk_drivers.config import Settings
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
@@ -115,7 +117,40 @@ def _calibrate(config: RobotiqConfig, options: CalibrateOptions) -> int:
     return 0
 
 
+def _scan(config: RobotiqConfig, options: Any) -> int:
+    console = Console(highlight=False)
+    places = _places(config)
+    if not places:
+        console.print("There is no serial adapter; give a --port, or a --host with its --link.")
+    found = 0
+    for place in places:
+        console.print(f"{place}:", soft_wrap=True)
+        for plugin, finder in (("robotiq", GRIPPERS), ("robotiq-ft300", SENSORS)):
+            for device in finder.look(place):
+                found += 1
+                settings = device.settings.items()
+                given = " ".join(f"--{key.replace('_', '-')} {value}" for key, value in settings)
+                console.print(f"  {device.told}\n    crtk-driver {plugin} {given}", soft_wrap=True)
+    if places and not found:
+        console.print("Nobody answers.")
+    return 0 if found else 1
+
+
+def _places(config: RobotiqConfig) -> list[str]:
+    """Return where to look: where the configuration says, or at all adapters."""
+    if config.link == "serial":
+        return [config.port] if config.port else list(GRIPPERS.places())
+    scheme = "modbus" if config.link == "modbus" else "socket"
+    return [f"{scheme}://{config.host}:{config.number}"] if config.host else []
+
+
 TOOLS: Final = (
+    Tool(
+        "scan",
+        "looks for grippers and force sensors at a port, or at all serial adapters",
+        _scan,
+        check_real=lambda config: None,
+    ),
     Tool("info", "tells what it reports; nothing is written", _info),
     Tool(
         "calibrate",

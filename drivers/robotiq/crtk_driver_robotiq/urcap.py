@@ -12,10 +12,16 @@ from typing import Final
 
 from crtk_driver_robotiq.registers import COUNTS, Activation, Command, Contact, Status
 
-__all__ = ["ACK", "EACH", "IN_TURN", "Answers", "get_line", "set_line", "status_of"]
+__all__ = ["ACK", "EACH", "HALT", "IN_TURN", "Answers", "get_line", "set_line", "status_of"]
 
 ACK: Final = b"ack"
 """What a SET is answered with; no end of line follows."""
+
+LONGEST: Final = 64
+"""Bytes of an answer; more without an end is none."""
+
+HALT: Final = b"SET GTO 0\n"
+"""Stops the fingers, and activates nothing."""
 
 EACH: Final = ("GTO", "PRE", "OBJ", "POS")
 """What is asked for each sample, in this order: OBJ counts after the echo (PRE) only."""
@@ -26,14 +32,15 @@ _VALUE: Final = re.compile(rb"([A-Z]{3}) (\d{1,3})\r?\n?")
 
 
 def set_line(command: Command) -> bytes:
-    """Return the line that sends a command, all of it at once."""
+    """Return the line that sends a command, all of it at once; a motion leaves ACT as it is."""
+    if command.halts:
+        return HALT
     if not command.activate:
         return b"SET ACT 0 GTO 0\n"
     if not command.go:
         return b"SET ACT 1 GTO 0\n"
-    return (
-        f"SET ACT 1 POS {command.position} SPE {command.speed} FOR {command.force} GTO 1\n"
-    ).encode()
+    go = "" if command.only_goal else " GTO 1"
+    return f"SET POS {command.position} SPE {command.speed} FOR {command.force}{go}\n".encode()
 
 
 def get_line(name: str) -> bytes:
@@ -102,6 +109,8 @@ class Answers:
             ValueError: it is something else.
         """
         self._take(data)
+        if len(self._rest) > LONGEST:
+            raise ValueError(f"{self._rest[:40]!r}, and goes on")
         is_whole = self._rest.endswith(b"\n")
         if not is_whole and (not quiet or not self._rest or self.ends_lines):
             return None

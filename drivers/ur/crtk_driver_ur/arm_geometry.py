@@ -13,7 +13,7 @@ from crtk_driver_ur.frames import IDENTITY, Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import JOINT_NAMES, RobotModel
 from crtk_driver_ur.primary import JointLimits, read_robot_info
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.samples import SampleMaker
 from crtk_drivers.device import Note, Severity
 from crtk_drivers.errors import DeviceError, TransitionFailed

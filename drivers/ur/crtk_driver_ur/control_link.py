@@ -13,7 +13,7 @@ from crtk_driver_ur.control_requests import Reply
 from crtk_driver_ur.dashboard_worker import client_of
 from crtk_driver_ur.models import RobotModel
 from crtk_driver_ur.request_worker import Controller
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_drivers.device import MoveProgress, Steps
 from crtk_drivers.errors import DeviceFault, MotionAborted, TransitionFailed
 
@@ -106,6 +106,7 @@ class ControlLink(ABC):
         self._asks_program = _Recurring("loaded_program", PROGRAM_CHECK_PERIOD)
         self._ends_program = _Recurring("stop_program", PROGRAM_END_PERIOD)
         self._was_local = False
+        self._trouble = ""  # with what could not be sent last
         self._progress = MoveProgress.DONE
         self._move_failure = ""
 
@@ -301,6 +302,10 @@ class ControlLink(ABC):
         """
         return (yield from self._answer(name, self._request(name, arguments)))
 
+    def send(self, name: str) -> None:
+        """Send a slow request whose answer nobody waits for, if it can be sent; after all before it."""
+        self._try_request(name)
+
     @property
     @abstractmethod
     def _generation(self) -> int:
@@ -316,10 +321,13 @@ class ControlLink(ABC):
 
     def _try_request(self, name: str) -> int:
         try:
-            return self._request(name, {})
+            sent, trouble = self._request(name, {}), ""
         except DeviceFault as error:
-            logger.warning("%s", error)
-            return 0
+            sent, trouble = 0, str(error)
+        if trouble not in (self._trouble, ""):
+            logger.warning("%s", trouble)
+        self._trouble = trouble
+        return sent
 
     def _take_reply(self, reply: Reply) -> None:
         if self._asks_remote.is_answered_by(reply):

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pkgutil import resolve_name
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from typing_extensions import override
 
@@ -31,13 +31,14 @@ from crtk_driver_ur.readings import UrReadings
 from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot import Robot
 from crtk_driver_ur.robot_api import POLYSCOPE_X, REMOTE_SINCE
-from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream, StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
+from crtk_driver_ur.rtde.stream import RTDE_PORT, RtdeStream
 from crtk_driver_ur.safety import (
     PAUSED_PROGRAM,
     PROGRAM_PAUSED,
     STANDING_PROGRAM,
-    RobotMode,
     found_in,
+    stood,
 )
 from crtk_driver_ur.services import UrServices
 from crtk_driver_ur.servo_lag import ServoLag
@@ -73,9 +74,6 @@ from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
 
-GRIPPER: Final = "gripper"
-"""Namespace of what hangs at the tool."""
-
 STOP_TIMEOUT = 5.0
 """Seconds that disable waits for the arm to stand, before it goes on to switch the power off."""
 
@@ -90,6 +88,9 @@ LATE_AFTER = 0.1
 
 LATE_PERIODS = 5.0
 """The same in periods of the states, where they come seldom."""
+
+LATE_FOR = 1.0
+"""Seconds in which one that comes in time must follow for the arm to be enabled: who was held up once is."""
 
 OTHER_PROGRAM_TIMEOUT = 1.0
 """Seconds in which a program that is not ours must end: the watchdog ends one of a driver that died."""
@@ -118,16 +119,28 @@ class UrDevice(Device):
     Args:
         config: see `UrConfig`.
         gripper: that hangs at its tool, with a bus of its own.
+        its_line: keys of `tool_line` that the gripper wants otherwise than they are by default.
     """
 
-    def __init__(self, config: UrConfig, gripper: Device | None = None) -> None:
+    def __init__(
+        self,
+        config: UrConfig,
+        gripper: Device | None = None,
+        its_line: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
         self._config = config
         self._model: RobotModel = config.arm
         self._tool_line = ToolLine(
-            config.tool_line, gripper, config.host, has_line=self._model.generation is not CB3
+            config.tool_line,
+            gripper,
+            config.host,
+            its_line,
+            has_line=self._model.generation is not CB3,
         )
         hung = self._tool_line.device
-        self._children = {} if hung is None else {GRIPPER: hung}
+        self._children: dict[str, Device] = {}
+        if hung is not None and config.gripper is not None:
+            self._children[config.gripper.name] = hung
         self._geometry = ArmGeometry(config, self._model, f"ur {self.address}")
         link = resolve_name(_LINKS[config.control])
         options = _control_options(config, self._model)
@@ -229,17 +242,17 @@ class UrDevice(Device):
     @override
     def counters(self) -> Mapping[str, float]:
         """Of the RTDE stream (packages) and of whoever carries commands out."""
-        state = self._robot.state
+        state, stream = self._robot.state, self._stream
         counters = {
             **self._link.counters,
             "servo lag (s)": self._lag.seconds,
             "state age (s)": self._link.lateness,
         }
-        if self._stream is not None:
-            stream = self._stream.counters
-            counters["packages lost"] = float(stream.lost)
-            counters["packages skipped"] = float(stream.skipped)
-            counters["packages malformed"] = float(stream.malformed)
+        if stream is not None:
+            packages = stream.counters
+            counters["packages lost"] = float(packages.lost)
+            counters["packages skipped"] = float(packages.skipped)
+            counters["packages malformed"] = float(packages.malformed)
         if state is not None:
             counters["robot mode"] = float(state.robot_mode)
             counters["safety mode"] = float(state.safety_mode)
@@ -273,17 +286,23 @@ class UrDevice(Device):
 
     @property
     @override
+    def followers(self) -> frozenset[str]:
+        hung = self._config.gripper
+        return frozenset() if hung is None or hung.own_state else frozenset(self._children)
+
+    @property
+    @override
     def notes(self) -> tuple[Note, ...]:
-        state = self._robot.state
+        state, stream = self._robot.state, self._stream
         reports = () if state is None else reports_of(state)
-        nonsense = self._stream.nonsense if self._stream is not None else ""
+        nonsense = "" if stream is None else stream.nonsense
         if nonsense:
             text = f"the controller sends {nonsense} as no finite number; samples are dropped"
             reports = (Note(Severity.ERROR, "samples", text), *reports)
-        if self._late:
-            reports = (Note(Severity.ERROR, "samples", _states_late(self._late)), *reports)
-        calibration = (self._geometry.note,) if self._geometry.note else ()
-        calibration = (*calibration, *self._geometry.limit_notes)
+        if late := self._late:
+            reports = (Note(Severity.ERROR, "samples", _states_late(late)), *reports)
+        note = self._geometry.note
+        calibration = (*((note,) if note else ()), *self._geometry.limit_notes)
         waiting = () if self._controls() else self._settings.waiting()
         return (*self._inputs.notes(), *waiting, *calibration, *reports)
 
@@ -306,7 +325,10 @@ class UrDevice(Device):
 
     @override
     def open(self, deadline: float) -> None:
-        stream = self._opening = RtdeStream(self._config.host, frequency=self._config.frequency)
+        config = self._config
+        sees_all = config.control == "ur_rtde"
+        stream = RtdeStream(config.host, frequency=config.frequency, sees_all=sees_all)
+        self._opening = stream
         if self._aborted:
             stream.close()
         try:
@@ -349,9 +371,7 @@ class UrDevice(Device):
     @override
     def close(self) -> None:
         stream, self._stream = self._stream, None
-        state = self._robot.state
-        silent = state is None or time.monotonic() - state.received > DEAD_AFTER
-        lost = self._stream_lost or silent
+        lost = self._stream_lost or stream is None or self._is_silent(stream)
         has_program, self._has_program = self._has_program, False
         has_power = self._in_control or has_program
         try:
@@ -364,6 +384,18 @@ class UrDevice(Device):
             self._robot.state, self._in_control = None, False
         if has_power and not lost and self._config.on_close == "power_off":
             self._link.request_now("power_off")
+
+    def _is_silent(self, stream: RtdeStream) -> bool:
+        """Whether the controller tells nothing; where this thread was held up, what came meanwhile counts."""
+        state = self._robot.state
+        if state is None:
+            return True
+        if time.monotonic() - state.received <= DEAD_AFTER:
+            return False
+        try:
+            return stream.receive(time.monotonic() + DEAD_AFTER) is None
+        except DeviceError:
+            return True
 
     def _end_program_now(self, stream: RtdeStream) -> None:
         """See that our program has ended, or have the dashboard end it.
@@ -402,7 +434,7 @@ class UrDevice(Device):
         self._robot.take(state)
         self._link.take(state)
         self._lag.measure(state.actual_q, state.actual_qd)
-        over = self._link.replaced or state.runtime_state in STANDING_PROGRAM
+        over = self._link.replaced or stood(state)
         self._has_program = self._has_program and (self._starting or not over)
         if self._has_program and self._robot.paused:
             self._link.end_paused_program()
@@ -482,6 +514,7 @@ class UrDevice(Device):
     @override
     def free(self) -> Steps:
         self._goal = None
+        yield from self._robot.until(lambda: not self._is_changing)  # it would sink, or rise
         self._link.freedrive()
         while True:
             self._link.move_progress()
@@ -524,7 +557,7 @@ class UrDevice(Device):
             self.stop()
             yield from self._robot.until(lambda: self._robot.standing, STOP_TIMEOUT)
             yield from self._link.stop_program()
-        if self._config.power_off_on_disable and self._robot.mode > RobotMode.POWER_OFF:
+        if self._config.power_off_on_disable and self._robot.has_power:
             self._link.give_up_connecting()
             yield from self._robot.power_off()
 
@@ -547,6 +580,9 @@ class UrDevice(Device):
         yield from self._configure()
         yield from self._robot.until(
             lambda: self._robot.playing or not self._has_program, safe=True
+        )
+        yield from self._robot.until(
+            lambda: not (self._late and self._has_program), LATE_FOR, safe=True
         )
         if not self._has_program:
             raise TransitionFailed(

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from crtk_driver_ur.control_link import ControlLink
 from crtk_driver_ur.robot import Robot
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Input, Note, Severity, Steps
 from crtk_drivers.errors import CommandRefused, DeviceError, Reason
@@ -148,7 +148,7 @@ class UrInputs:
             except StopIteration:
                 del self._sending[by_dashboard]
         if self._checking:
-            self._check(time.monotonic())
+            self._check()
 
     def notes(self) -> Iterator[Note]:
         """Yield what could not be set. From any thread."""
@@ -223,14 +223,17 @@ class UrInputs:
                     self._link.program_may_differ()
             del self._underway[name]
 
-    def _check(self, now: float) -> None:
+    def _check(self) -> None:
+        """By when the state was received: a thread that was held up has one from before it was told."""
         state = self._robot.state
+        if state is None:
+            return
         for name, (value, until) in list(self._checking.items()):
             setting = self._settings[name]
-            if state is not None and setting.reported(state, value):
+            if setting.reported(state, value):
                 del self._checking[name]
                 self._problems.pop(name, None)
-            elif now > until:
+            elif state.received > until:
                 del self._checking[name]
                 text = f"set to {_text(value)}, but the controller does not report it. "
                 self._problem(name, text + setting.hint)

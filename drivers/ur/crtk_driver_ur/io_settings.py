@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from crtk_driver_ur.inputs import Setting
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_drivers.commands import Payload
 
 __all__ = ["output_settings"]

@@ -16,7 +16,14 @@ from crtk_driver_ur.primary import PORTS
 from crtk_driver_ur.rtde.stream import RTDE_PORT
 from crtk_driver_ur.tools import TOOLS
 from crtk_drivers.errors import MissingExtra
-from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, required
+from crtk_drivers.plugins import (
+    DeviceLink,
+    DevicePlugin,
+    LinkAccess,
+    RunningSim,
+    SimFault,
+    required,
+)
 from crtk_drivers.plugins.at_tool import attached
 
 _FIRST_WITHOUT_WHEELS = (3, 13)
@@ -29,7 +36,7 @@ def _create(config: UrConfig) -> UrDevice:
     if config.gripper is None:
         return UrDevice(config)
     plugin, its = attached(config.gripper, config.host)
-    return UrDevice(config, plugin.make(its))
+    return UrDevice(config, plugin.make(its), plugin.tool_line)
 
 
 def _no_library() -> MissingExtra:
@@ -82,7 +89,7 @@ PLUGIN = DevicePlugin(
     check_real=required("host", "192.168.1.10"),
     sim_config=_at_sim,
     sim_options=_sim_options,
-    sim_emergency_stop="emergency_stop",
+    sim_faults={SimFault.EMERGENCY_STOP: "emergency_stop"},
     tool=lambda config: config.gripper,
     sim_tool=_sim_tool,
     tools=TOOLS,

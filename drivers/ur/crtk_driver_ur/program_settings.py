@@ -18,7 +18,7 @@ from crtk_driver_ur.inputs import FLANGE, Setting
 from crtk_driver_ur.models import model_named
 from crtk_driver_ur.plausibility import UPRIGHT, gravity_problem, payload_problem, tilt_problem
 from crtk_driver_ur.robot import Robot
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Note, Severity
 

@@ -12,7 +12,7 @@ from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.inputs import FLANGE
 from crtk_driver_ur.reports import ANALOG, DIGITAL
 from crtk_driver_ur.robot import Robot
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.safety import RobotMode, RuntimeState, SafetyMode, SafetyStatus, name_of
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Reading

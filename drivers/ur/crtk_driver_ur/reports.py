@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from crtk_driver_ur.models import JOINT_NAMES
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.safety import RobotMode, RuntimeState, SafetyMode, name_of
 from crtk_drivers.device import Note, Severity
 

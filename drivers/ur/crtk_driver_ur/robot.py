@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from crtk_driver_ur.control_link import ControlLink
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.safety import (
     PAUSED_PROGRAM,
     STILL,
@@ -18,7 +18,7 @@ from crtk_driver_ur.safety import (
     condition_of,
 )
 from crtk_drivers.device import Condition, Steps
-from crtk_drivers.errors import CommandRefused, DeviceFault, Reason
+from crtk_drivers.errors import CommandRefused, CrtkError, DeviceFault, Reason
 from crtk_drivers.state import OperatingState
 
 __all__ = ["Robot"]
@@ -51,6 +51,7 @@ class Robot:
         self._where = where
         self._needs_remote = needs_remote
         self._stopped_at = -math.inf
+        self._is_powered_on = False  # it was asked to be, and does not show it yet
 
     def take(self, state: StateSample) -> None:
         """Take note of a new state."""
@@ -59,6 +60,7 @@ class Robot:
             before is None or before.safety_mode != SafetyMode.PROTECTIVE_STOP
         ):
             self._stopped_at = state.timestamp
+        self._is_powered_on = self._is_powered_on and state.robot_mode <= RobotMode.POWER_OFF
 
     @property
     def condition(self) -> Condition:
@@ -78,6 +80,11 @@ class Robot:
     def mode(self) -> int:
         """One of `RobotMode`, if this driver knows it."""
         return RobotMode.NO_CONTROLLER if self.state is None else self.state.robot_mode
+
+    @property
+    def has_power(self) -> bool:
+        """Whether the arm has power, or is about to have it."""
+        return self._is_powered_on or self.mode > RobotMode.POWER_OFF
 
     @property
     def safety(self) -> int:
@@ -169,7 +176,12 @@ class Robot:
     def power_on(self) -> Steps:
         """Power the arm; its brakes stay engaged. Nothing if it has power."""
         if self.mode < RobotMode.IDLE:
-            yield from self._link.ask("power_on")
+            self._is_powered_on = True  # also where nobody waits any more for the answer
+            try:
+                yield from self._link.ask("power_on")
+            except CrtkError:
+                self._is_powered_on = False
+                raise
             yield from self._come_up(RobotMode.IDLE)
 
     def release_brakes(self) -> Steps:
@@ -201,6 +213,7 @@ class Robot:
 
     def power_off(self) -> Steps:
         """Switch the arm's power off. Nothing if it has none."""
-        if self.mode > RobotMode.POWER_OFF:
+        if self.has_power:
+            self._is_powered_on = False
             yield from self._link.ask("power_off")
             yield from self.until(lambda: self.mode <= RobotMode.POWER_OFF)

@@ -11,7 +11,7 @@ from enum import IntEnum, IntFlag
 from functools import lru_cache
 from types import MappingProxyType
 
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_drivers.device import Condition
 from crtk_drivers.state import OperatingState
 
@@ -27,6 +27,7 @@ __all__ = [
     "condition_of",
     "found_in",
     "name_of",
+    "stood",
 ]
 
 
@@ -79,6 +80,11 @@ STANDING_PROGRAM = frozenset({RuntimeState.STOPPING, RuntimeState.STOPPED})
 
 PAUSED_PROGRAM = frozenset({RuntimeState.PAUSING, RuntimeState.PAUSED})
 """States in which a program carries nothing out, but can be continued."""
+
+
+def stood(state: StateSample) -> bool:
+    """Return whether no program ran in a state, or in one that was passed over since the one before."""
+    return not STANDING_PROGRAM.isdisjoint((state.runtime_state, *state.passed))
 
 
 def name_of(kind: type[IntEnum], number: int) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from crtk_driver_ur.frames import BASE_FRAME, IDENTITY, Transform, compose, inverse, pose_of
 from crtk_driver_ur.models import JOINT_NAMES
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_drivers.samples import (
     JointState,
     OnDemand,

@@ -66,7 +66,9 @@ class UrServices:
                 self._restart_safety,
             ),
             "power_on": Service("power the arm, with its brakes engaged", self._power_on),
-            "brake_release": Service("power the arm and release its brakes", self._brake_release),
+            "brake_release": Service(
+                "power the arm and release its brakes", self._brake_release, moves=True
+            ),
             "power_off": Service("switch the power of the arm off", self._power_off),
             "close_popup": Service(
                 "close the pop-up on the teach pendant", partial(self._close, "close_popup")
@@ -78,11 +80,15 @@ class UrServices:
             "play_program": Service(
                 "start the loaded program, or go on with it where it was paused; it may move the arm",
                 self._play,
+                moves=True,
+                undo=self._end_played,
             ),
             "pause_program": Service(
-                "pause the program that runs", partial(self._end, "pause_program")
+                "pause the program that runs", partial(self._end, "pause_program"), stops=True
             ),
-            "stop_program": Service("stop the program", partial(self._end, "stop_program")),
+            "stop_program": Service(
+                "stop the program", partial(self._end, "stop_program"), stops=True
+            ),
             "shut_down": Service("shut the controller down", self._shut_down),
             "save_log": Service("save the log of the controller", partial(self._tell, "save_log")),
             "zero_force_sensor": Service(
@@ -170,7 +176,14 @@ class UrServices:
         self._robot.require_safe()
         yield from self._robot.require_remote(service)
         request = "resume_program" if self._robot.paused else service
-        return str((yield from self._link.ask(request)))
+        try:
+            return str((yield from self._link.ask(request)))
+        except GeneratorExit:  # by a stop, and it may have begun
+            self._end_played()
+            raise
+
+    def _end_played(self) -> None:
+        self._link.send("stop_program")
 
     def _end(self, service: str) -> Answer:
         self._robot.require_hands_off(service)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Final
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Final
 
 from typing_extensions import override
 
@@ -43,6 +45,7 @@ class ToolLine:
         config: how it is to be; None: as a device needs it that is reached by it, and otherwise as it is.
         device: that hangs at the tool, None for none.
         host: of the arm.
+        its_line: keys of `config` as the device needs them.
         has_line: whether its tool has one.
 
     Raises:
@@ -53,10 +56,16 @@ class ToolLine:
     """
 
     def __init__(
-        self, config: ToolLineConfig | None, device: Device | None, host: str, *, has_line: bool
+        self,
+        config: ToolLineConfig | None,
+        device: Device | None,
+        host: str,
+        its_line: Mapping[str, Any] = MappingProxyType({}),
+        *,
+        has_line: bool,
     ) -> None:
         by_line = device is not None and device.address == f"{host}:{TOOL_PORT}"
-        self._config = config or (ToolLineConfig() if by_line else None)
+        self._config = config or (ToolLineConfig(**its_line) if by_line else None)
         if self._config is not None and not has_line:
             raise ConfigError(
                 "the tool of a CB3 arm has no serial line",

@@ -23,7 +23,8 @@ from crtk_driver_ur.models import JOINT_NAMES, RobotModel, model_named
 from crtk_driver_ur.primary import JointLimits, RobotInfo, read_robot_info
 from crtk_driver_ur.reports import numbers_of, reports_of
 from crtk_driver_ur.robot_api import POLYSCOPE_X, RobotApiClient
-from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
+from crtk_driver_ur.rtde.stream import RtdeStream
 from crtk_drivers.config import Settings
 from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost, TransitionFailed
 from crtk_drivers.plugins import Tool

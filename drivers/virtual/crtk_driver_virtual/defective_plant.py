@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -71,14 +71,16 @@ class Distortion:
         self._moved = np.zeros(q.size, dtype=bool)
         self._swinging, self._swing_speed = q.copy(), np.zeros(q.size)
 
-    def apply(self, reference: Vector, velocity: Vector, time: float, jacobian: Array) -> Vector:
+    def apply(
+        self, reference: Vector, velocity: Vector, time: float, jacobian: Callable[[], Array]
+    ) -> Vector:
         """Return where the joints (n,) are sent.
 
         Args:
             reference: (n,) where they should be.
             velocity: (n,) of that.
             time: of the plant.
-            jacobian: (6, n) of the tool.
+            jacobian: returns that (6, n) of the tool.
         """
         defects, wave = self._defects, 2.0 * math.pi * time
         ripple = defects.speed_ripple * math.sin(RIPPLE_FREQUENCY * wave)
@@ -92,7 +94,7 @@ class Distortion:
         if defects.hunting:
             sent = sent + defects.hunting * math.sin(defects.hunting_frequency * wave)
         if defects.line_bow:
-            sent = sent + self._bowed(velocity, jacobian)
+            sent = sent + self._bowed(velocity, jacobian())
         if defects.overtravel:
             sent = sent + self._beyond(reference) - self._beyond(self._begin)
         return np.where(self._mask > 0.0, sent, reference)
@@ -232,7 +234,7 @@ class DefectivePlant(Plant):
         servos = self._servos
         reference = np.array([servo.reference for servo in servos])
         planned = np.array([servo.velocity for servo in servos])
-        sent = self._distortion.apply(reference, planned, self.time, self.jacobian)
+        sent = self._distortion.apply(reference, planned, self.time, lambda: self.jacobian)
         speed = (sent - self._sent) / SUBSTEP
         more = ((speed - self._speed) - (planned - self._planned)) / SUBSTEP
         more = np.minimum(np.maximum(more, -self._steepest), self._steepest)

@@ -16,8 +16,8 @@ from crtk_driver_virtual.config import VirtualConfig
 from crtk_drivers.device import CartesianLimits, JointLimits
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.kinematics.chain import Chain
-from crtk_drivers.kinematics.urdf import read_urdf
 from crtk_drivers.samples import Vector, vector
+from crtk_drivers.wrappers.urdf_file import read_urdf
 
 logger = logging.getLogger(__name__)
 

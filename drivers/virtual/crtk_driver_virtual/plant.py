@@ -121,7 +121,6 @@ class Plant:
         position, velocity: (n,) in rad, rad/s (m, m/s).
         effort: (n,) of the motors, in N·m (N).
         wrench: (6,) that the hand and the walls exert on the tool.
-        jacobian: (6, n) at the tool point.
         time: of the plant, in s.
     """
 
@@ -159,7 +158,13 @@ class Plant:
         self._left_over = 0.0
         self._following: Command | None = None
         self._set_at = 0.0
-        self._point, self.jacobian = self.dynamics.tool(self.position)
+        self._looked_from: Vector | None = None
+        self._look()
+
+    @property
+    def jacobian(self) -> Array:
+        """(6, n) at the tool point."""
+        return self._look()[1]
 
     @property
     def is_held(self) -> bool:
@@ -185,11 +190,16 @@ class Plant:
         if command is not self._following:
             self._begin(command)
         q, v = self.position, self.velocity
-        effort = self._motor_effort(command, q, v)
-        self.effort = effort = np.minimum(np.maximum(effort, -self._strongest), self._strongest)
-        load = effort - self._friction(v) + self.jacobian.T @ self.hand
-        moved = v + SUBSTEP * self.dynamics.acceleration(q, v, load)
-        moved, pushes = self._after_contacts(q, moved)
+        if command.drive in SERVOED:
+            change = self._servo_acceleration(command, q.tolist(), v.tolist())
+            asked = self.dynamics.effort(q, v, change) + self._friction(v)
+        else:
+            change, asked = None, self._motor_effort(command, q)
+        self.effort = effort = np.minimum(np.maximum(asked, -self._strongest), self._strongest)
+        if change is None or self.hand.any() or (effort != asked).any():
+            load = effort - self._friction(v) + self.jacobian.T @ self.hand
+            change = self.dynamics.acceleration(q, v, load)
+        moved, pushes = self._after_contacts(q, v + SUBSTEP * change)
         self.velocity = np.minimum(np.maximum(moved, -self._overspeed), self._overspeed)
         self.position = np.minimum(
             np.maximum(q + SUBSTEP * self.velocity, self._lower), self._upper
@@ -206,9 +216,15 @@ class Plant:
         self._sense(pushes)
 
     def _sense(self, pushes: Vector) -> None:
-        self._point, self.jacobian = self.dynamics.tool(self.position)
         self.wrench = self.hand.copy()
         self.wrench[:3] += pushes
+
+    def _look(self) -> tuple[Vector, Array]:
+        """Return the tool point (3,) and the Jacobian there."""
+        if self._looked_from is not self.position:
+            self._tool = self.dynamics.tool(self.position)
+            self._looked_from = self.position
+        return self._tool
 
     # ---------------------------------------------------------------------------------------- motors
 
@@ -241,15 +257,12 @@ class Plant:
     def _friction(self, v: Vector) -> Vector:
         return self._damping * v
 
-    def _motor_effort(self, command: Command, q: Vector, v: Vector) -> Vector:
-        drive = command.drive
-        if drive in SERVOED:
-            acceleration = self._servo_acceleration(command, q.tolist(), v.tolist())
-            return self.dynamics.effort(q, v, acceleration) + self._friction(v)
+    def _motor_effort(self, command: Command, q: Vector) -> Vector:
+        """Return what motors are asked for that follow no reference."""
         weight = self.dynamics.weight(q)
-        if drive is Drive.FREE:
+        if command.drive is Drive.FREE:
             return weight
-        is_wrench = drive is Drive.WRENCH
+        is_wrench = command.drive is Drive.WRENCH
         effort = self.jacobian.T @ command.values if is_wrench else command.values
         return effort + weight if self.gravity_compensation else effort
 
@@ -289,8 +302,9 @@ class Plant:
     def _touched(self, v: Vector | None = None) -> Iterator[tuple[Wall, _Contact]]:
         """Yield the walls that the tool point is in, or will be with joint velocities `v`."""
         for wall in self._walls:
-            row = wall.normal @ self.jacobian[:3]
-            gap = float(wall.normal @ (self._point - wall.point))
+            point, jacobian = self._look()
+            row = wall.normal @ jacobian[:3]
+            gap = float(wall.normal @ (point - wall.point))
             if gap + (0.0 if v is None else SUBSTEP * float(row @ v)) < 0.0:
                 yield wall, _Contact(row, gap, wall.stiffness, wall.damping)
 

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Final
 
+from crtk_sim_backends import wire
 from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.injection import (
     ERROR_FRAMES,
     HOOKS,
     STATES,
     FrameHook,
-    chain,
     selecting,
 )
 from crtk_sim_backends.can.port import State
@@ -66,7 +66,7 @@ class BusEffects:
         parameters = fault.parameters
         if fault.kind in HOOKS:
             self._hooks[id(fault)] = selecting(HOOKS[fault.kind](parameters), parameters)
-            self._hub.hook = chain(list(self._hooks.values()))
+            self._hub.hook = wire.chain(self._hooks.values())
         elif fault.kind in STATES:
             self._states[id(fault)] = parameters["node"], STATES[fault.kind]
             self._apply_states()
@@ -86,7 +86,7 @@ class BusEffects:
     def end(self, fault: Fault) -> None:
         """Let it end."""
         if self._hooks.pop(id(fault), None) is not None:
-            self._hub.hook = chain(list(self._hooks.values()))
+            self._hub.hook = wire.chain(self._hooks.values())
         if self._states.pop(id(fault), None) is not None:
             self._apply_states()
         talker = self._talkers.pop(id(fault), None)

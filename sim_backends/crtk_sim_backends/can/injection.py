@@ -146,24 +146,6 @@ def selecting(hook: WireHook, parameters: Parameters) -> FrameHook:
     return selected
 
 
-def chain(hooks: list[FrameHook]) -> FrameHook | None:
-    """Pass frames through all `hooks` in turn; None when there are none."""
-    if not hooks:
-        return None
-
-    def chained(sender: str, raw: bytes, now: float) -> Pieces:
-        pieces: Pieces = [(0.0, raw)]
-        for hook in hooks:
-            pieces = [
-                (before + after, piece)
-                for before, whole in pieces
-                for after, piece in hook(sender, whole, now + before)
-            ]
-        return pieces
-
-    return chained
-
-
 def _frame_kind(name: str, summary: str, **parameters: Parameter) -> FaultKind:
     return FaultKind(name, summary, {**_MATCH, **parameters}, lasting=True)
 

@@ -23,7 +23,10 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.can import frames
+from crtk_sim_backends.can.client_door import ClientDoor
 from crtk_sim_backends.can.node import Bus
 from crtk_sim_backends.can.port import State
 from crtk_sim_backends.process import AddressInUseError, SimStartError
@@ -212,42 +215,25 @@ class _Client:
             self._page = None
 
 
-class SocketDoor:
+class SocketDoor(ClientDoor[_Client]):
     """The listening Unix socket at `path`, which is removed at the end."""
 
     def __init__(self, hub: Bus, path: str) -> None:
         self.path = path
-        self._hub = hub
-        self._clients: list[_Client] = []
-        self._listener = _listen(path)
-        hub.loop.watch(self._listener.fileno(), self._accept)
+        super().__init__(hub, _listen(path), _CLIENTS)
 
-    def _accept(self, events: int) -> None:
-        try:
-            sock, _ = self._listener.accept()
-        except OSError:
-            return  # gone before it was accepted
+    @override
+    def _welcome(self, sock: socket.socket) -> _Client:
         sock.setblocking(False)
-        if len(self._clients) >= _CLIENTS:
-            sock.close()
-            return
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        self._clients.append(_Client(self, self._hub, sock))
-        self._hub.happened("client_connected")
+        return _Client(self, self._hub, sock)
 
-    def drop(self, client: _Client) -> None:
-        """Let go of a client that has gone."""
-        self._clients.remove(client)
-        client.close()
-
+    @override
     def close(self) -> None:
         """Close it and its connections, and remove the file; safe to repeat."""
-        for client in self._clients:
-            client.close()
-        self._clients.clear()
-        if self._listener.fileno() >= 0:
-            self._hub.loop.forget(self._listener.fileno())
-            self._listener.close()
+        is_open = self._listener.fileno() >= 0
+        super().close()
+        if is_open:
             with contextlib.suppress(OSError):
                 os.unlink(self.path)
 

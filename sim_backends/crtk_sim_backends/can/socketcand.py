@@ -13,7 +13,10 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from typing_extensions import override
+
 from crtk_sim_backends.can import frames
+from crtk_sim_backends.can.client_door import ClientDoor
 from crtk_sim_backends.can.node import Bus
 from crtk_sim_backends.can.port import State
 from crtk_sim_backends.kit.loop import READ, WRITE
@@ -205,38 +208,15 @@ class _Client:
         self._connection.close()
 
 
-class SocketcandDoor:
+class SocketcandDoor(ClientDoor[_Client]):
     """The listening TCP port; `port` is the one that was found when 0 was asked for."""
 
     def __init__(self, hub: Bus, host: str, port: int, channel: str) -> None:
         self.channel = channel
-        self._hub = hub
-        self._clients: list[_Client] = []
-        self._listener = listen(host, port, "socketcand")
-        self.port: int = self._listener.getsockname()[1]
-        hub.loop.watch(self._listener.fileno(), self._accept)
+        listener = listen(host, port, "socketcand")
+        self.port: int = listener.getsockname()[1]
+        super().__init__(hub, listener, _CLIENTS)
 
-    def _accept(self, events: int) -> None:
-        try:
-            sock, _ = self._listener.accept()
-        except OSError:
-            return  # gone before it was accepted
-        if len(self._clients) >= _CLIENTS:
-            sock.close()
-            return
-        self._clients.append(_Client(self, self._hub, sock))
-        self._hub.happened("client_connected")
-
-    def drop(self, client: _Client) -> None:
-        """Let go of a client that has gone."""
-        self._clients.remove(client)
-        client.close()
-
-    def close(self) -> None:
-        """Close the port and its connections; safe to repeat."""
-        for client in self._clients:
-            client.close()
-        self._clients.clear()
-        if self._listener.fileno() >= 0:
-            self._hub.loop.forget(self._listener.fileno())
-            self._listener.close()
+    @override
+    def _welcome(self, sock: socket.socket) -> _Client:
+        return _Client(self, self._hub, sock)

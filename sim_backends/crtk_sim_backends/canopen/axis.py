@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
-from crtk_sim_backends.canopen.controller import PARAMETERS, Controller
+from crtk_sim_backends.canopen.controller import PARAMETERS, Controller, position_range
 from crtk_sim_backends.canopen.defects import AxisDefects, Measuring
 from crtk_sim_backends.canopen.dictionary import DataType, ObjectDictionary
 from crtk_sim_backends.canopen.emcy import Emergency
@@ -29,6 +29,7 @@ from crtk_sim_backends.canopen.modes import (
     Window,
 )
 from crtk_sim_backends.canopen.objects import AXIS_STRIDE, MODES, TYPES
+from crtk_sim_backends.canopen.personality import PERSONALITIES, Personality
 from crtk_sim_backends.canopen.plant import Motor
 from crtk_sim_backends.canopen.units import SCALING, Units
 
@@ -36,7 +37,6 @@ from crtk_sim_backends.canopen.units import SCALING, Units
 UNDERVOLTAGE: Final = 0x3220
 MOTOR_BLOCKED: Final = 0x7121
 FOLLOWING_ERROR: Final = 0x8611
-REFERENCE_LIMIT: Final = 0x8612
 SYNC_LOST: Final = 0x8700
 SAFE_TORQUE_OFF: Final = 0xFF01  # of the vendor
 
@@ -65,7 +65,7 @@ class Axis:
         emergency: of the node.
         motor: what it drives.
         modes: of operation that it has.
-        offset_to_zero: see `Personality`.
+        make: what it does otherwise than others.
         defects: that it has.
     """
 
@@ -76,7 +76,7 @@ class Axis:
         emergency: Emergency,
         motor: Motor,
         modes: frozenset[int] = frozenset(MODES),
-        offset_to_zero: bool = False,
+        make: Personality = PERSONALITIES["standard"],
         defects: AxisDefects | None = None,
     ) -> None:
         self.number = number
@@ -85,11 +85,12 @@ class Axis:
         self.motor = motor
         self._dictionary = dictionary
         self._offset = AXIS_STRIDE * number
-        self._offset_sign = -1 if offset_to_zero else 1
+        self._make = make
+        self._codes = dict(make.codes)
         self._emergency = emergency
         self._values = dictionary.values
         self.units = Units(self.value, has_feed=0x6092 + self._offset in dictionary.objects)
-        self._controller = Controller(self.value, self.units, motor, self.switch)
+        self._controller = Controller(self.value, self.units, motor, self.switch, make.torque_unit)
         self.machine = Machine(self.value, self._permitted)
         self.setpoint = Setpoint()
         self.position = 0.0  # position units
@@ -132,6 +133,11 @@ class Axis:
         od.guards[0x6060 + offset] = lambda _, mode: _require(mode in self._modes)
         od.guards[0x6098 + offset] = lambda _, method: _require(method in METHODS)
         od.guards[0x607D + offset] = self._guard_limits
+        if self._make.tells_modes is not None:
+            told = self._make.tells_modes
+            od.live[0x6502 + offset, 0] = lambda: told
+        if self._make.pulses is not None:
+            od.written[self._make.pulses[0]] = lambda _: self._count_pulses()
         shown: dict[int, Callable[[], int]] = {
             0x6041: self.statusword,
             0x6061: lambda: self._mode.number,
@@ -192,6 +198,11 @@ class Axis:
         if low > high:
             raise SdoAbort(Abort.MAX_BELOW_MIN)
 
+    def _count_pulses(self) -> None:
+        assert self._make.pulses is not None
+        self._values[0x608F + self._offset, 1] = 4 * self._dictionary[self._make.pulses]
+        self._rescale()
+
     def _rescale(self) -> None:
         self.units.update()
         self._controller.update()
@@ -211,7 +222,7 @@ class Axis:
         return _wrapped(revolutions * self.units.increments)
 
     def _torque_permille(self) -> int:
-        permille = 1000 * self._sensed()[2] / (self.value(0x6076) * 1e-3)
+        permille = 1000 * self._sensed()[2] / (self.value(0x6076) * self._make.torque_unit)
         return max(-0x8000, min(0x7FFF, round(permille))) * self.forward
 
     def _actual_velocity(self) -> int:
@@ -268,16 +279,33 @@ class Axis:
         return next((edge for edge in edges if low <= edge <= high), last)
 
     def set_home(self, revolutions: float) -> None:
-        """Let the position be that of the home offset 607C where the motor stood at `revolutions`."""
+        """Let the position be that of the home offset 607C, or of what the make has for it, where the motor
+        stood at `revolutions`.
+        """
         before = self._zero
-        position = self._offset_sign * self.value(0x607C)
+        position = self.value(0x607C)
+        if self._make.offset_to_zero:
+            position = -position
+        if self._make.home_position is not None:
+            position = self._dictionary[self._make.home_position] - self.home_move
         self._zero = revolutions - position / self.units.per_revolution
         self.setpoint.position -= (self._zero - before) * self.units.per_revolution
         self._measure()
 
+    @property
+    def per_revolution(self) -> float:
+        """Position units in one revolution of the motor, negative when reversed."""
+        return self.units.per_revolution
+
+    @property
+    def home_move(self) -> int:
+        """How far it goes after homing, position units."""
+        return self._dictionary[self._make.home_move] if self._make.home_move is not None else 0
+
     def within_limits(self, position: float) -> float:
         """Bring a position within the software limits; sets `limited` when it was not."""
-        inside = min(max(position, self.value(0x607D, 1)), self.value(0x607D, 2))
+        low, high = position_range(self.value)
+        inside = min(max(position, low), high)
         self.limited = inside != position
         return inside
 
@@ -348,6 +376,10 @@ class Axis:
         self._mode.enter()
 
     def _permitted(self, transition: int) -> bool:
+        if self._make.faults_at_stop and self.safe_torque_off:
+            if transition in (3, 4):
+                self.fault(SAFE_TORQUE_OFF, persists=True)
+            return transition not in (3, 4)
         if transition == 2:
             return not self.safe_torque_off
         if transition in (3, 4):
@@ -367,6 +399,7 @@ class Axis:
             vendor: up to 5 bytes of the manufacturer.
             persists: it cannot be reset until `recovered` is called with the code.
         """
+        code = self._codes.get(code, code)
         if persists:
             self._persisting.add(code)
         self._set_error(code)
@@ -375,7 +408,7 @@ class Axis:
 
     def recovered(self, code: int) -> None:
         """The cause of an error is gone, so that the fault can be reset."""
-        self._persisting.discard(code)
+        self._persisting.discard(self._codes.get(code, code))
 
     def set_supply(self, on: bool) -> None:
         """Switch the power supply of the motor; that of the electronics stays."""
@@ -399,6 +432,8 @@ class Axis:
         if self.powered:
             self.fault(SAFE_TORQUE_OFF, persists=True)
             self.machine.cut_power(fault=True)
+            return
+        if self._make.faults_at_stop:
             return
         self._emergency.begin(SAFE_TORQUE_OFF, b"", self.number)
         if self.machine.state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON):
@@ -501,7 +536,7 @@ class Axis:
             if setpoint.velocity and self._mode is not self._homing:
                 ahead = Switch.POSITIVE if setpoint.velocity > 0 else Switch.NEGATIVE
                 if self.switch(ahead):
-                    self.fault(REFERENCE_LIMIT)
+                    self.fault(self._make.limit_codes[ahead is Switch.POSITIVE])
         elif setpoint.control is Control.VELOCITY:
             self._blocked.hold(self.saturated and abs(self.motor.velocity) < _AT_REST, dt)
             if self._blocked.seconds >= _BLOCKED_TIME:

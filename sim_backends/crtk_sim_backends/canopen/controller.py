@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+from crtk_sim_backends.canopen.dictionary import DataType
 from crtk_sim_backends.canopen.homing import Switch
 from crtk_sim_backends.canopen.modes import Control, Setpoint
 from crtk_sim_backends.canopen.plant import Motor
@@ -19,6 +20,12 @@ _INTEGRAL_GAIN: Final = 20_000.0  # 1/s², of the inertia
 _NO_WINDOW: Final = 0xFFFF_FFFF
 
 
+def position_range(value: Callable[[int, int], int]) -> tuple[int, int]:
+    """Software position limits (607D); equal ones are none."""
+    low, high = value(0x607D, 1), value(0x607D, 2)
+    return DataType.I32.limits if low == high else (low, high)
+
+
 class Controller:
     """Cascade of three loops; the torque loop is as fast as it needs to be.
 
@@ -30,6 +37,7 @@ class Controller:
         units: of the axis.
         motor: what is controlled.
         switch: whether a limit switch is active.
+        torque_unit: N·m for one unit of the rated torque.
 
     Attributes:
         saturated: the torque is at its limit.
@@ -44,7 +52,9 @@ class Controller:
         units: Units,
         motor: Motor,
         switch: Callable[[Switch], bool],
+        torque_unit: float,
     ) -> None:
+        self._torque_unit = torque_unit
         self._value = value
         self._units = units
         self._motor = motor
@@ -60,7 +70,7 @@ class Controller:
         value = self._value
         self.scale = self._units.per_radian
         self._sign = 1 if self.scale > 0 else -1
-        self._permille = value(0x6076, 0) * 1e-6  # N·m
+        self._permille = value(0x6076, 0) * self._torque_unit / 1000  # N·m
         most = min(value(0x6072, 0), value(0x6073, 0))
         up, down = min(most, value(0x60E0, 0)), min(most, value(0x60E1, 0))
         if self._sign < 0:
@@ -68,7 +78,7 @@ class Controller:
         self._up, self._down = up * self._permille, -down * self._permille
         self.fastest = value(0x6080, 0) * 2 * math.pi / 60
         self._deceleration = value(0x6085, 0) / self._units.acceleration
-        self._low, self._high = value(0x607D, 1), value(0x607D, 2)
+        self._low, self._high = position_range(value)
         window = value(0x6065, 0)
         self.window = math.inf if window == _NO_WINDOW else window
 

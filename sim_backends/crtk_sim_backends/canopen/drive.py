@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Final, TypeAlias
 
@@ -35,12 +35,7 @@ from crtk_sim_backends.canopen.objects import (
     communication,
 )
 from crtk_sim_backends.canopen.pdo import ProcessData
-from crtk_sim_backends.canopen.personality import (
-    PERSONALITIES,
-    PRODUCT,
-    REVISION,
-    Personality,
-)
+from crtk_sim_backends.canopen.personality import PERSONALITIES, Personality
 from crtk_sim_backends.canopen.plant import Motor, MotorConfig
 from crtk_sim_backends.canopen.sdo import SdoServer
 
@@ -110,15 +105,28 @@ class DriveFaults:
     sdo_aborts: dict[Key, int] = field(default_factory=dict)
 
 
-def drive_objects(config: DriveConfig, node_id: int) -> list[Object]:
-    """Objects of a drive: those of its EDS, or the machine's with the defaults of its personality."""
+def _without(entry: Object, lacks: Container[int | Key]) -> Object:
+    """The object as others see it: without the entries that the make has not."""
+    kept = {
+        sub: variable for sub, variable in entry.entries.items() if (entry.index, sub) not in lacks
+    }
+    if 0 in kept and len(kept) < len(entry.entries):
+        kept[0] = replace(kept[0], default=max(kept))
+    return replace(entry, entries=kept)
+
+
+def drive_objects(config: DriveConfig, node_id: int) -> tuple[list[Object], list[Object]]:
+    """Objects of a drive that can be reached, and those that the machine needs besides.
+
+    They are those of its EDS, or the machine's with what its personality has otherwise.
+    """
     personality = config.personality
     serial = node_id if config.serial is None else config.serial
     if config.like is not None:
-        return config.like.objects_of(serial)
+        return config.like.objects_of(serial), list(config.like.hidden)
     axes = len(config.motors)
     objects = list(
-        communication(axes, personality.vendor, PRODUCT, REVISION, serial,
+        communication(axes, personality.vendor, personality.product, personality.revision, serial,
                       personality.device.encode(), b"1.0", b"1.0", config.pdos)
     )  # fmt: skip
     for number in range(axes):
@@ -127,17 +135,23 @@ def drive_objects(config: DriveConfig, node_id: int) -> list[Object]:
         for index, sub, value in personality.defaults:
             if entry.index == index:
                 changed = replace(entry.entries[sub], default=value)
-                objects[place] = replace(entry, entries={**entry.entries, sub: changed})
-    return objects
+                entry = objects[place] = replace(entry, entries={**entry.entries, sub: changed})
+        if entry.index in personality.constant:
+            fixed = {sub: replace(each, access="const") for sub, each in entry.entries.items()}
+            objects[place] = replace(entry, entries=fixed)
+    lacks = personality.lacks
+    reached = [_without(entry, lacks) for entry in objects if entry.index not in lacks]
+    reached += personality.adds
+    return sorted(reached, key=lambda entry: entry.index), objects
 
 
 def eds_of(config: DriveConfig) -> str:
     """EDS of the drives with this configuration, the same for all node-IDs."""
     if config.like is not None:
         return config.like.sheet.text
-    objects = drive_objects(replace(config, serial=0), 0)
-    personality = config.personality
-    return electronic_data_sheet(objects, personality.vendor, PRODUCT, REVISION, personality.device)
+    objects, _ = drive_objects(replace(config, serial=0), 0)
+    make = config.personality
+    return electronic_data_sheet(objects, make.vendor, make.product, make.revision, make.device)
 
 
 class Drive:
@@ -159,13 +173,17 @@ class Drive:
         self.state = INITIALISING
         self.next_timer = 0.0
         like = self.config.like
-        self.dictionary = ObjectDictionary(
-            drive_objects(self.config, node_id), node_id, like.hidden if like else ()
-        )
+        reached, hidden = drive_objects(self.config, node_id)
+        self.dictionary = ObjectDictionary(reached, node_id, hidden)
         self.dictionary.ignored.update(self.config.personality.ignores)
         self.emergency = Emergency(self.dictionary)
         self.heartbeats = Heartbeats(self.dictionary, self._heartbeat_lost, self._heartbeat_back)
-        self.pdos = ProcessData(self.dictionary, self.emergency, lambda: self.state is OPERATIONAL)
+        self.pdos = ProcessData(
+            self.dictionary,
+            self.emergency,
+            lambda: self.state is OPERATIONAL,
+            keeps_no_rtr=self.config.personality.keeps_no_rtr,
+        )
         self.axes = [
             Axis(
                 number,
@@ -173,7 +191,7 @@ class Drive:
                 self.emergency,
                 Motor(motor),
                 like.modes[number] if like else self.config.modes,
-                self.config.personality.offset_to_zero,
+                self.config.personality,
                 self.config.defects,
             )
             for number, motor in enumerate(self.config.motors)

@@ -22,7 +22,7 @@ from crtk_sim_backends.canopen.modes import (
     Control,
     Mode,
 )
-from crtk_sim_backends.canopen.profile import ramp_velocity
+from crtk_sim_backends.kit.profile import ramp_velocity, toward
 
 
 class Switch(Enum):
@@ -133,6 +133,14 @@ class HomingAxis(AxisView, Protocol):
     def forward(self) -> int:
         """1, or -1 when the polarity turns the motor round."""
 
+    @property
+    def per_revolution(self) -> float:
+        """Position units in one revolution of the motor."""
+
+    @property
+    def home_move(self) -> int:
+        """How far it goes after homing, position units."""
+
     def switch(self, switch: Switch) -> bool:
         """Whether a switch is active."""
 
@@ -159,6 +167,7 @@ class Homing(Mode):
         self._active = False  # the switch at the last step
         self._stalled = 0.0  # s
         self._running = self._attained = self._failed = False
+        self._goal: float | None = None  # position to which it goes after homing
 
     @override
     def enter(self) -> None:
@@ -179,6 +188,7 @@ class Homing(Mode):
     def _stop(self) -> None:
         self._phases = []
         self._running = False
+        self._goal = None
 
     @override
     def control(self, word: int, before: int) -> None:
@@ -206,9 +216,16 @@ class Homing(Mode):
             self._finish(self._homing.revolutions)
 
     def _finish(self, revolutions: float) -> None:
+        moved = bool(self._phases)
         self._homing.set_home(revolutions)
         self._stop()
-        self._attained = True
+        if moved and self._homing.home_move:
+            home = (revolutions - self._homing.revolutions) * self._homing.forward
+            turn = abs(self._homing.per_revolution)
+            self._goal = self.axis.position + home * turn + self._homing.home_move
+            self._running = True
+        else:
+            self._attained = True
 
     @override
     def step(self, dt: float) -> None:
@@ -218,6 +235,14 @@ class Homing(Mode):
         acceleration = min(axis.acceleration(0x609A), axis.acceleration(0x60C5))
         if self._phases:
             self._check(self._phases[0], dt)
+        if self._goal is not None:
+            speed = axis.speed(0x6099, 1)
+            place = setpoint.position, setpoint.velocity, self._goal, speed
+            setpoint.position, setpoint.velocity = toward(*place, acceleration, acceleration, dt)
+            if setpoint.position == self._goal and not setpoint.velocity:
+                self._stop()
+                self._attained = True
+            return
         speed = 0.0
         if self._phases:
             fast = self._phases[0].fast

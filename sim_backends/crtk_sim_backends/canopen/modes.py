@@ -12,7 +12,7 @@ from typing import Final, Protocol
 
 from typing_extensions import override
 
-from crtk_sim_backends.canopen.profile import approach, ramp_velocity, toward
+from crtk_sim_backends.kit.profile import approach, ramp_velocity, toward
 
 NEW_SETPOINT: Final = 1 << 4
 CHANGE_AT_ONCE: Final = 1 << 5

@@ -10,7 +10,7 @@ from typing import Final
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
 from crtk_sim_backends.canopen.dictionary import DataType, Key, ObjectDictionary
 from crtk_sim_backends.canopen.emcy import Emergency
-from crtk_sim_backends.canopen.objects import VALID
+from crtk_sim_backends.canopen.objects import NO_RTR, VALID
 
 RECEIVE: Final = 0x1400
 TRANSMIT: Final = 0x1800
@@ -64,11 +64,18 @@ class ProcessData:
         dictionary: of the node; what an RPDO brings is stored in it.
         emergency: hears of PDOs that are wrong.
         operational: whether the node is OPERATIONAL.
+        keeps_no_rtr: a COB-ID of a TPDO without bit 30 is refused.
     """
 
     def __init__(
-        self, dictionary: ObjectDictionary, emergency: Emergency, operational: Callable[[], bool]
+        self,
+        dictionary: ObjectDictionary,
+        emergency: Emergency,
+        operational: Callable[[], bool],
+        *,
+        keeps_no_rtr: bool = False,
     ) -> None:
+        self._keeps_no_rtr = keeps_no_rtr
         self._dictionary = dictionary
         self._emergency = emergency
         self._operational = operational
@@ -105,6 +112,8 @@ class ProcessData:
             if sub == 1:
                 if exists and not value & VALID and (value ^ self._dictionary[index, 1]) & 0x7FF:
                     raise SdoAbort(Abort.VALUE)  # the COB-ID of a PDO in use
+                if self._keeps_no_rtr and index >= TRANSMIT and not value & NO_RTR:
+                    raise SdoAbort(Abort.VALUE)
                 if not value & VALID and not _may_carry_pdo(value & 0x1FFF_FFFF):
                     raise SdoAbort(Abort.VALUE)
                 return

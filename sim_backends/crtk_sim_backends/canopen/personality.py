@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from crtk_sim_backends.canopen import epos4
+from crtk_sim_backends.canopen.dictionary import Key, Object, OfNode
+
 PRODUCT: Final = 0x0402
 REVISION: Final = 0x0001_0000
 
@@ -24,17 +27,45 @@ class Personality:
         boot: time from a reset to the boot-up message, s.
         offset_to_zero: the home offset 607C is the way from home to zero, as the text of CiA 402-2 has it;
             else it is the position at home, which is the negative of that.
+        product: product code in 1018.
+        revision: in 1018.
+        lacks: objects that it has not, or entries of them.
+        adds: objects of its own.
+        constant: objects that cannot be written.
+        tells_modes: what 6502 says, whatever modes it has; None: the truth.
+        home_position: its own object for the position at home, in place of 607C.
+        home_move: its own object for the way that it goes after homing, before that counts.
+        pulses: its own object for a quarter of the increments of a turn, in place of 608F.
+        torque_unit: N·m for one unit of 6076.
+        codes: error codes that it has in place of those of CiA 402-2.
+        limit_codes: error codes of its limit switches, negative and positive.
+        keeps_no_rtr: it refuses a COB-ID of a TPDO without bit 30.
+        faults_at_stop: with STO active it faults when it is to get power; else it does not get ready.
     """
 
     name: str
     vendor: int
     device: str
     summary: str
-    defaults: tuple[tuple[int, int, int], ...] = ()
+    defaults: tuple[tuple[int, int, int | OfNode], ...] = ()
     ignores: tuple[int, ...] = ()
     no_block: bool = False
     boot: float = 0.05
     offset_to_zero: bool = False
+    product: int = PRODUCT
+    revision: int = REVISION
+    lacks: frozenset[int | Key] = frozenset()
+    adds: tuple[Object, ...] = ()
+    constant: frozenset[int] = frozenset()
+    tells_modes: int | None = None
+    home_position: Key | None = None
+    home_move: Key | None = None
+    pulses: Key | None = None
+    torque_unit: float = 1e-3
+    codes: tuple[tuple[int, int], ...] = ()
+    limit_codes: tuple[int, int] = (0x8612, 0x8612)
+    keeps_no_rtr: bool = False
+    faults_at_stop: bool = False
 
 
 PERSONALITIES: Final[dict[str, Personality]] = {
@@ -63,6 +94,27 @@ PERSONALITIES: Final[dict[str, Personality]] = {
             "CRTK literal drive",
             "takes the home offset as the way from home to zero",
             offset_to_zero=True,
+        ),
+        Personality(
+            "epos4",
+            epos4.VENDOR,
+            epos4.DEVICE,
+            "a Maxon EPOS4: rpm, no 607C, and 6502 does not tell csp and csv",
+            epos4.DEFAULTS,
+            product=epos4.PRODUCT,
+            revision=epos4.REVISION,
+            lacks=epos4.LACKS,
+            adds=epos4.ADDS,
+            constant=epos4.CONSTANT,
+            tells_modes=epos4.TELLS_MODES,
+            home_position=epos4.HOME_POSITION,
+            home_move=epos4.HOME_MOVE,
+            pulses=epos4.PULSES,
+            torque_unit=1e-6,
+            codes=epos4.CODES,
+            limit_codes=epos4.LIMIT_CODES,
+            keeps_no_rtr=True,
+            faults_at_stop=True,
         ),
     )
 }

@@ -186,12 +186,13 @@ KINDS: Final[Mapping[str, FaultKind]] = {
         _reply_kind("lost", "every n-th instruction is heard by no servo"),
         FaultKind(
             "message",
-            "the n-th instruction of a kind, and only that, is lost, heard twice, or heard later",
+            "the n-th instruction of a kind, and so many from it on, is lost, heard twice, or heard later",
             {
                 "bus": _BUS,
                 "code": Parameter(int, ANY, minimum=ANY, maximum=255),
                 "address": Parameter(int, ANY, minimum=ANY, maximum=65535),
                 "number": Parameter(int, 1, minimum=1),
+                "times": Parameter(int, 1, minimum=1),
                 "effect": Parameter(str, "lost", choices=("lost", "doubled", "late")),
                 "seconds": Parameter(float, 0.03, minimum=0.0001, maximum=60.0),
             },

@@ -226,7 +226,7 @@ class Line:
             address = int.from_bytes(packet.parameters[:wide], "little")
             if wanted["code"] in (ANY, packet.code) and wanted["address"] in (ANY, address):
                 active.seen += 1
-                if active.seen == wanted["number"]:
+                if 0 <= active.seen - wanted["number"] < wanted["times"]:
                     return wanted
         return None
 

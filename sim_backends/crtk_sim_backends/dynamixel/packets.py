@@ -7,10 +7,13 @@ Sources: ROBOTIS e-manual, "DYNAMIXEL Protocol 1.0" and "DYNAMIXEL Protocol 2.0"
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final, Protocol
+from typing import Final
+
+from typing_extensions import override
 
 BROADCAST: Final = 0xFE
 HEADER: Final = b"\xff\xff\xfd\x00"
@@ -149,31 +152,19 @@ def legacy_status(number: int, error: int, data: bytes = b"") -> bytes:
     return b"\xff\xff" + body + bytes((checksum(body),))
 
 
-class Parser(Protocol):
+class Parser(ABC):
     """Finds the instructions in the bytes of a wire; `taken` of them so far."""
-
-    taken: int
-
-    def feed(self, data: bytes) -> list[Instruction]:
-        """Take bytes, cut anywhere, and return the instructions that they complete."""
-
-    def reset(self) -> None:
-        """Forget an unfinished packet."""
-
-
-class Parser2:
-    """Of protocol 2.0. What is not stuffed and looks like a header begins a new packet."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self.taken = 0
 
     def reset(self) -> None:
-        """See `Parser`."""
+        """Forget an unfinished packet."""
         self._buffer.clear()
 
     def feed(self, data: bytes) -> list[Instruction]:
-        """See `Parser`."""
+        """Take bytes, cut anywhere, and return the instructions that they complete."""
         self._buffer += data
         self.taken += len(data)
         found = []
@@ -181,6 +172,15 @@ class Parser2:
             found.append(packet)
         return found
 
+    @abstractmethod
+    def _next(self) -> Instruction | None:
+        """Take the next instruction out of what has come; None: it is not whole yet."""
+
+
+class Parser2(Parser):
+    """Of protocol 2.0. What is not stuffed and looks like a header begins a new packet."""
+
+    @override
     def _next(self) -> Instruction | None:
         buffer = self._buffer
         while True:
@@ -217,26 +217,10 @@ def _unstuffed(buffer: bytearray, start: int, end: int) -> int | None:
     return None
 
 
-class Parser1:
+class Parser1(Parser):
     """Of protocol 1.0."""
 
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-        self.taken = 0
-
-    def reset(self) -> None:
-        """See `Parser`."""
-        self._buffer.clear()
-
-    def feed(self, data: bytes) -> list[Instruction]:
-        """See `Parser`."""
-        self._buffer += data
-        self.taken += len(data)
-        found = []
-        while (packet := self._next()) is not None:
-            found.append(packet)
-        return found
-
+    @override
     def _next(self) -> Instruction | None:
         buffer = self._buffer
         while True:

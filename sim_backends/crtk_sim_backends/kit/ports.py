@@ -5,12 +5,13 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
 from crtk_sim_backends import wire
 from crtk_sim_backends.faults import Fault
 from crtk_sim_backends.kit.wire_faults import HOOKS
-from crtk_sim_backends.process import listen
+from crtk_sim_backends.process import listen, listen_in_files
 
 LONGEST_LINE: Final = 4096
 
@@ -96,7 +97,10 @@ class Port(Generic[SessionT]):
 
     def __init__(self, name: str, listener: socket.socket) -> None:
         self.name = name
-        self.host, self.number = listener.getsockname()
+        place = listener.getsockname()
+        self.host: str
+        self.number: int
+        self.host, self.number = (place, 0) if listener.family == socket.AF_UNIX else place
         self.listener: socket.socket | None = listener
         self.clients: list[Client[SessionT]] = []
         self.faults: dict[str, Fault] = {}
@@ -124,7 +128,11 @@ class Port(Generic[SessionT]):
         if self._hooks.pop(kind, None) is not None:
             self._apply_hooks()
         if kind == "closed" and self.listener is None:
-            self.listener = listen(self.host, self.number, self.name)
+            self.listener = (
+                listen(self.host, self.number, self.name)
+                if self.number
+                else listen_in_files(Path(self.host))
+            )
 
     def add(self, client: Client[SessionT]) -> None:
         """Take a new client, with the present faults of the wire."""

@@ -24,6 +24,7 @@ from crtk_sim_backends.process import (
     SimStartError,
     bind_somewhere,
     listen,
+    listen_in_files,
     prepare_process,
 )
 
@@ -57,12 +58,15 @@ class LoopServer:
         title: of its page.
         tcp: its TCP ports, by name.
         ttys: what makes the sessions of its serial lines, by name.
+        sockets: what makes those of its sockets in the file system, by name; their paths are among `ttys`.
         gauges: what its page shows beside the status of the device.
+        requests: what else its control door is asked for, by name.
 
     Attributes:
         host: the loopback address.
         ports: TCP ports by name, ``control`` among them.
         ttys: paths of the serial lines by name.
+        paths: of other files by name, which whoever serves it adds.
 
     Raises:
         SimStartError: something cannot be bound, or the fault file is wrong.
@@ -77,21 +81,27 @@ class LoopServer:
         title: str,
         tcp: Mapping[str, TcpDoor] | None = None,
         ttys: Mapping[str, Callable[[], Session]] | None = None,
+        sockets: Mapping[str, Callable[[], Session]] | None = None,
         gauges: Callable[[], Sequence[Gauges]] = tuple,
+        requests: Mapping[str, Callable[..., Any]] | None = None,
     ) -> None:
         self._config = config
         self._device = device
         self._title = title
         self._tcp = dict(tcp or {})
         self._lines = dict(ttys or {})
+        self._sockets = dict(sockets or {})
         self._gauges = gauges
+        self._requests = dict(requests or {})
         self._loop = Loop()
         self._servers: dict[str, TcpServer | TtyServer] = {}
+        self.paths: dict[str, str] = {}
         self._closing = ExitStack()
         self._closing.callback(self._loop.close)
         try:
-            choices = (*self._tcp, *self._lines, ALL_PORTS)
-            wires = wire_kinds(Parameter(str, ALL_PORTS, choices=choices))
+            choices = (*self._tcp, *self._lines, *self._sockets, ALL_PORTS)
+            has_wires = bool(self._tcp or self._lines or self._sockets)
+            wires = wire_kinds(Parameter(str, ALL_PORTS, choices=choices)) if has_wires else {}
             self._kinds = {**wires, **device.kinds}
             self._faults = FaultDesk(
                 self._loop,
@@ -119,6 +129,14 @@ class LoopServer:
     def after(self, seconds: float, function: Callable[[], object]) -> None:
         """Call `function` once, so many seconds from now."""
         self._loop.call_at(time.monotonic() + seconds, function)
+
+    def watch(self, fd: int, ready: Callable[[int], object]) -> None:
+        """Call `ready` in the loop whenever a file descriptor can be read: that of a UDP port."""
+        self._loop.watch(fd, ready)
+
+    def at_end(self, function: Callable[[], object]) -> None:
+        """Call `function` when it is closed."""
+        self._closing.callback(function)
 
     def send(self, name: str, data: bytes, to: Session | None = None) -> None:
         """Send to the clients of a port or a serial line, or to the one that has the session `to`."""
@@ -165,7 +183,7 @@ class LoopServer:
         return ports
 
     def _plug_in(self) -> dict[str, str]:
-        if not self._lines:
+        if not self._lines and not self._sockets:
             return {}
         folder = Path(tempfile.mkdtemp(prefix="crtk-tty-"))
         self._closing.callback(shutil.rmtree, folder, ignore_errors=True)
@@ -175,6 +193,12 @@ class LoopServer:
             self._closing.callback(line.close)
             self._servers[name] = line
             ttys[name] = line.path
+        for name, session in self._sockets.items():
+            listener = listen_in_files(folder / name)
+            server = TcpServer(self._loop, listener, name, session)
+            self._closing.callback(server.close)
+            self._servers[name] = server
+            ttys[name] = str(folder / name)
         return ttys
 
     def _begin(self, fault: Fault) -> None:
@@ -200,6 +224,7 @@ class LoopServer:
     def _handlers(self) -> dict[str, Callable[..., Any]]:
         return {
             **self._faults.handlers,
+            **self._requests,
             "status": self.status,
             "scene": self._scene,
             "live": self._live,
@@ -232,8 +257,7 @@ class LoopServer:
 
     def _live(self) -> Live:
         rows: list[Row] = [
-            (name, f"{value:.6g}" if isinstance(value, float) else f"{value}", "")
-            for name, value in self._device.status().items()
+            (name, _text(value), "") for name, value in self._device.status().items()
         ]
         faults = self._faults.kinds
         return {
@@ -241,3 +265,9 @@ class LoopServer:
             "sections": {"State": rows, "Simulator": [fault_row(faults)]},
             "faults": faults,
         }
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_text, value))
+    return f"{value:.6g}" if isinstance(value, float) else f"{value}"

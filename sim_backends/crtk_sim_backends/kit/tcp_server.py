@@ -139,6 +139,8 @@ class TcpServer:
         except Exception:
             log.exception("a defect of the simulator closes a %s connection", self._port.name)
             connection.closed = True
+        if session.ended:
+            connection.flush(now)  # its last words
         if connection.ended or session.ended:
             self._loop.forget(connection.fileno())
             self._port.remove(client)

@@ -12,6 +12,7 @@ from typing import Final
 
 from typing_extensions import override
 
+from crtk_sim_backends.defects import read_one
 from crtk_sim_backends.kit import (
     LoopServer,
     Options,
@@ -23,6 +24,7 @@ from crtk_sim_backends.kit import (
     option,
 )
 from crtk_sim_backends.ndi import wire
+from crtk_sim_backends.ndi.defects import TrackerDefects
 from crtk_sim_backends.ndi.families import FAMILIES
 from crtk_sim_backends.ndi.motion import MOTIONS
 from crtk_sim_backends.ndi.tracker import Tracker
@@ -39,7 +41,13 @@ class SimConfig(Options):
     wired: str = option("SIM-POINTER,SIM-REFERENCE", "part numbers of its wired tools, with commas")
     motion: str = option("circle", "what its tools do", choices=MOTIONS)
     noise: float = option(0.05, "RMS of each coordinate, in mm")
+    defects: str = option(
+        "",
+        "what is wrong with what it tells: scale, missing, tells_covered, play, as in scale=1.01",
+    )
+    latency: float = option(0.0, "seconds from when a frame is taken until it is told")
     left: int = option(0, "how many wired tools a client that died has left initialised")
+    strays: int = option(0, "how many markers it sees that belong to no tool")
 
     @override
     def __post_init__(self) -> None:
@@ -48,7 +56,15 @@ class SimConfig(Options):
         check_choice("motion", self.motion, MOTIONS)
         check_port("port", self.port)
         check_range("noise", self.noise, 0.0, 10.0)
+        check_range("latency", self.latency, 0.0, 0.2)
         check_range("left", self.left, 0, 32)
+        check_range("strays", self.strays, 0, 50)
+        _ = self.tracker_defects
+
+    @property
+    def tracker_defects(self) -> TrackerDefects:
+        """What `defects` says."""
+        return read_one(TrackerDefects, self.defects)
 
 
 class CommandSession:
@@ -99,14 +115,18 @@ class NdiSimulator(Simulator[SimConfig, LoopServer]):
             MOTIONS[config.motion],
             config.noise,
             config.left,
+            config.tracker_defects,
             time.monotonic,
             time.time_ns,
+            config.strays,
+            config.latency,
         )
         server = LoopServer(
             config,
             parent_fd,
             tracker,
             title="NDI tracker",
+            requests={"put": tracker.put},
             tcp={"tcp": TcpDoor(config.port, lambda: CommandSession(tracker, lambda: True))},
             ttys={
                 "serial": lambda: CommandSession(

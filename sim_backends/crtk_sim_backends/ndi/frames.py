@@ -46,7 +46,13 @@ def _number(value: float, scale: float, digits: int) -> str:
     return f"{round(value * scale):+0{digits}d}"
 
 
-def tx(tools: Sequence[Seen], number: int, system: int, options: int) -> str:
+Stray = tuple[float, float, float]
+"""A marker of no tool, in mm."""
+
+
+def tx(
+    tools: Sequence[Seen], number: int, system: int, options: int, strays: Sequence[Stray] = ()
+) -> str:
     """Return the text of a TX reply."""
     lines = [f"{len(tools):02X}"]
     for tool in tools:
@@ -60,11 +66,16 @@ def tx(tools: Sequence[Seen], number: int, system: int, options: int) -> str:
             turned = "".join(_number(q, 1e4, 6) for q in (at.q0, at.qx, at.qy, at.qz))
             moved = "".join(_number(p, 100.0, 7) for p in (at.x, at.y, at.z))
             lines.append(f"{tool.handle:02X}{turned}{moved}{_number(at.error, 1e4, 6)}{tail}")
-    strays = "00" if options & STRAYS else ""
-    return "".join(lines) + f"{strays}{system:04X}"
+    if options & STRAYS:
+        inside = "0" * -(-len(strays) // 4)
+        points = "".join(_number(each, 100.0, 7) for stray in strays for each in stray)
+        lines.append(f"{len(strays):02X}{inside}{points}")
+    return "".join(lines) + f"{system:04X}"
 
 
-def bx(tools: Sequence[Seen], number: int, system: int, options: int) -> bytes:
+def bx(
+    tools: Sequence[Seen], number: int, system: int, options: int, strays: Sequence[Stray] = ()
+) -> bytes:
     """Return the body of a BX reply."""
     parts = [bytes([len(tools)])]
     for tool in tools:
@@ -77,8 +88,10 @@ def bx(tools: Sequence[Seen], number: int, system: int, options: int) -> bytes:
             values = (at.q0, at.qx, at.qy, at.qz, at.x, at.y, at.z, at.error)
             parts.append(struct.pack("<8f", *values))
         parts.append(struct.pack("<II", tool.status, number))
-    strays = b"\0" if options & STRAYS else b""
-    return b"".join(parts) + strays + struct.pack("<H", system)
+    if options & STRAYS:
+        parts.append(bytes([len(strays)]) + bytes(-(-len(strays) // 8)))
+        parts += [struct.pack("<3f", *stray) for stray in strays]
+    return b"".join(parts) + struct.pack("<H", system)
 
 
 def _component(kind: int, items: int, data: bytes) -> bytes:
@@ -90,7 +103,12 @@ def _gbf(*components: bytes) -> bytes:
 
 
 def bx2(
-    tools: Sequence[Seen], number: int, nanoseconds: int, magnetic: bool, strange: bool = False
+    tools: Sequence[Seen],
+    number: int,
+    nanoseconds: int,
+    magnetic: bool,
+    strange: bool = False,
+    strays: Sequence[Stray] = (),
 ) -> bytes:
     """Return the body of a BX2 reply with 6D and buttons.
 
@@ -99,6 +117,7 @@ def bx2(
         number, nanoseconds: of the frame; its time since the epoch.
         magnetic: the tracker is no optical one.
         strange: with a component of a type that nobody knows.
+        strays: markers of no tool.
     """
     enabled = [tool for tool in tools if tool.enabled]
     if not enabled:
@@ -114,6 +133,12 @@ def bx2(
         pressed = [tool.port >> bit & 1 for bit in (1, 2, 3)]
         buttons += struct.pack("<HH3B", tool.handle, 3, *pressed)
     inner = [_component(2, len(enabled), poses), _component(4, len(enabled), buttons)]
+    if strays:
+        points = b"".join(
+            struct.pack("<BBH3f", 0, 0, index, *stray) for index, stray in enumerate(strays)
+        )
+        head = struct.pack("<HH", 0xFFFF, len(strays))
+        inner.append(_component(3, 1, head + points))
     if strange:
         inner.insert(0, _component(0x77, 3, b"strange"))
     seconds, rest = divmod(nanoseconds, 1_000_000_000)

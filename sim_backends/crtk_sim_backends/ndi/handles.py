@@ -83,17 +83,21 @@ class Handle:
         found = sum(self.memory[6:ROM_SIZE]) & 0xFFFF
         return self.memory[:4] == b"NDI\0" and found == wanted
 
+    @property
+    def part_number(self) -> str:
+        """As its definition says."""
+        return self.memory[592:612].split(b"\0")[0].decode("ascii", "replace")
+
     def information(self, options: int) -> str:
         """Return what PHINF says, for the options of this simulator: 0001, 0004, 0008, 0010, 0020."""
         memory = self.memory
         maker = memory[580:592].split(b"\0")[0].decode("ascii", "replace")
-        part = memory[592:612].split(b"\0")[0].decode("ascii", "replace")
         general = (
             f"{memory[15]:02X}000000{maker:<12.12}{0:03d}{self.serial_number:<8.8}{self.status:02X}"
         )
         parts = {
             0x0001: general,
-            0x0004: f"{part:<20.20}",
+            0x0004: f"{self.part_number:<20.20}",
             0x0008: "00",
             0x0010: f"{memory[655]:02X}",
             0x0020: f"{'00000000':<14}",

@@ -5,6 +5,8 @@ One state for all clients, as the hardware has it: whoever stops tracking stops 
 
 from __future__ import annotations
 
+import math
+import random
 import re
 import struct
 from collections.abc import Callable, Mapping, Sequence
@@ -12,11 +14,13 @@ from typing import Any, Final
 
 from crtk_sim_backends.faults import Fault
 from crtk_sim_backends.ndi import frames, wire
+from crtk_sim_backends.ndi.defects import TrackerDefects
 from crtk_sim_backends.ndi.families import Family
 from crtk_sim_backends.ndi.frames import Seen
 from crtk_sim_backends.ndi.handles import INITIALISED, Handle, make_rom
 from crtk_sim_backends.ndi.injection import KINDS
-from crtk_sim_backends.ndi.motion import Motion, is_inside, place
+from crtk_sim_backends.ndi.motion import ERROR, Motion, Place, is_inside, place, shaken
+from crtk_sim_backends.ndi.track import Play, Track
 
 MOST_HANDLES: Final = 32
 
@@ -55,8 +59,11 @@ class Tracker:
         motion: of its tools.
         noise: in mm.
         left: how many of its wired tools a client that died has left initialised.
+        defects: of what it tells.
         clock: monotonic seconds.
         wall: ns since the epoch.
+        strays: how many markers it sees that belong to no tool.
+        latency: seconds from when a frame is taken until it is told.
 
     Attributes:
         baud: of its serial line, in bit/s.
@@ -70,16 +77,22 @@ class Tracker:
         motion: Motion,
         noise: float,
         left: int,
+        defects: TrackerDefects,
         clock: Callable[[], float],
         wall: Callable[[], int],
+        strays: int = 0,
+        latency: float = 0.0,
     ) -> None:
         self.kinds = KINDS
         self.family = family
         self.baud = BAUDS[0]
         self.on_reset: Callable[[], object] = lambda: None
         self._wired = list(wired)
-        self._motion, self._noise = motion, noise
+        self._motion, self._noise, self._defects = motion, noise, defects
         self._clock, self._wall = clock, wall
+        self._strays = [(-50.0, 30.0 * each, family.middle) for each in range(1, strays + 1)]
+        self._latency = latency
+        self._moved: dict[str, tuple[Track, Play]] = {}  # by part number
         self._mode = COLD
         self._handles: dict[int, Handle] = {}
         self._origin = 0.0
@@ -121,6 +134,32 @@ class Tracker:
             "baud": self.baud,
             "handles": " ".join(f"{h.number:02X}:{h.status:02X}" for h in self._handles.values()),
         }
+
+    def put(
+        self, part_number: str, ns: int, position: Sequence[float], orientation: Sequence[float]
+    ) -> None:
+        """Let a tool be somewhere from a time on, instead of on its path.
+
+        Args:
+            part_number: of the tool.
+            ns: when it was there, since the epoch.
+            position: x, y, z in m, in the frame of the tracker.
+            orientation: quaternion x, y, z, w.
+
+        Raises:
+            ValueError: this is no pose.
+        """
+        numbers = (*position, *orientation)
+        if len(position) != 3 or len(orientation) != 4 or not all(map(math.isfinite, numbers)):
+            raise ValueError(f"{numbers} is no pose: x, y, z in m, quaternion x, y, z, w")
+        if not abs(math.hypot(*orientation) - 1.0) < 1e-3:
+            raise ValueError(f"the length of {orientation} is not 1")
+        x, y, z = (1e3 * coordinate for coordinate in position)
+        qx, qy, qz, q0 = orientation
+        if part_number not in self._moved:
+            self._moved[part_number] = Track(), Play(self._defects.play, part_number)
+        track, _ = self._moved[part_number]
+        track.put(ns, Place(x, y, z, q0, qx, qy, qz, ERROR))
 
     def obey(self, line: bytes) -> bytes:
         """Carry out one command, and return the reply to it."""
@@ -359,21 +398,31 @@ class Tracker:
         frozen = self._faults.get("frozen")
         if frozen is not None and "frame" in frozen:
             return int(frozen["frame"])
-        return int((self._clock() - self._origin) * self.family.rate)
+        return max(0, int((self._clock() - self._origin - self._latency) * self.family.rate))
+
+    def _taken(self, number: int) -> int:
+        """Return when a frame was taken, in ns since the epoch."""
+        age = self._clock() - self._origin - number / self.family.rate
+        return self._wall() - round(age * 1e9)
 
     def _seen(self, number: int) -> list[Seen]:
         found = []
-        hidden = self._faults.get("hide")
+        hidden = None if self._defects.tells_covered else self._faults.get("hide")
         pressed = self._faults.get("press")
+        taken = self._taken(number)
         for handle in self._handles.values():
-            at = place(self.family, self._motion, handle.tool, number, self._noise)
+            at = self._place(handle, number, taken)
             bit, port = 0, handle.status
-            if not is_inside(self.family, at):
-                bit = 6
-            shown = at if bit == 0 or abs(at.z) < abs(self.family.far) + 1000.0 else None
+            shown = told = None
+            if at is not None:
+                told = self._told(at)
+                bit = 0 if is_inside(self.family, at) else 6
+                shown = told if bit == 0 or abs(at.z) < abs(self.family.far) + 1000.0 else None
             if hidden is not None and hidden["tool"] in (handle.tool, -1):
                 bit = HIDDEN[hidden["how"]]
-                shown = None if hidden["how"] == "missing" else at
+                shown = None if hidden["how"] == "missing" else told
+            elif self._misses(handle.tool, number):
+                shown = None
             if pressed is not None and pressed["tool"] == handle.tool:
                 port |= 1 << pressed["button"]
             if handle.initialised and handle.enabled:
@@ -382,23 +431,42 @@ class Tracker:
                 found.append(Seen(handle.number, None, 0, port | INITIALISED, enabled=False))
         return found
 
+    def _place(self, handle: Handle, number: int, taken: int) -> Place | None:
+        """Return where a tool is seen; None: what moves it has not told where it is."""
+        moved = self._moved.get(handle.part_number)
+        if moved is None:
+            at: Place | None = place(self.family, self._motion, handle.tool, number)
+        else:
+            track, play = moved
+            at = track.at(taken)
+            at = None if at is None else play.at(at)
+        return None if at is None else shaken(at, handle.tool, number, self._noise)
+
+    def _told(self, at: Place) -> Place:
+        scale = self._defects.scale
+        return at._replace(x=scale * at.x, y=scale * at.y, z=scale * at.z)
+
+    def _misses(self, tool: int, number: int) -> bool:
+        missing = self._defects.missing
+        return missing > 0.0 and random.Random(f"{tool} {number}").random() < missing
+
     @property
     def _system(self) -> int:
         return int(self._faults.get("system", {}).get("bits", 0))
 
     def _tx(self, arguments: str) -> Answer:
         number, options = self._number(), int(arguments or "0001", 16)
-        return frames.tx(self._seen(number), number, self._system, options)
+        return frames.tx(self._seen(number), number, self._system, options, self._strays)
 
     def _bx(self, arguments: str) -> Answer:
         number, options = self._number(), int(arguments or "0001", 16)
-        return frames.bx(self._seen(number), number, self._system, options)
+        return frames.bx(self._seen(number), number, self._system, options, self._strays)
 
     def _bx2(self, arguments: str) -> Answer:
         """Nothing where the frame has been told."""
         number = self._number()
         seen = self._seen(number) if number != self._told_frame else []
         self._told_frame = number
-        age = self._clock() - self._origin - number / self.family.rate
-        taken = self._wall() - round(age * 1e9)
-        return frames.bx2(seen, number, taken, self.family.indicator, "strange" in self._faults)
+        strays = self._strays if "--3d=strays" in arguments or "--3d=all" in arguments else ()
+        magnetic, strange = self.family.indicator, "strange" in self._faults
+        return frames.bx2(seen, number, self._taken(number), magnetic, strange, strays)

@@ -9,9 +9,9 @@ from typing import Final
 
 from typing_extensions import override
 
-from crtk_sim_backends.defects import read_defects
+from crtk_sim_backends.defects import read_one
+from crtk_sim_backends.kit.loads import Load, LoadError, parse_load
 from crtk_sim_backends.netft.defects import TransducerDefects
-from crtk_sim_backends.netft.loads import Load, LoadError, parse_load
 from crtk_sim_backends.netft.profiles import PRESETS, PROFILES, USUAL_PRESET, Preset, Profile
 from crtk_sim_backends.netft.settings import MOST_RECORDS
 from crtk_sim_backends.options import (
@@ -96,10 +96,7 @@ class SimConfig(Options):
     @property
     def wrong(self) -> TransducerDefects | None:
         """What `defects` says."""
-        found = read_defects(TransducerDefects, self.defects)
-        if len(found) > 1:
-            raise ConfigError("defects: one transducer has one group of them, without ';'")
-        return found[0] if found else None
+        return read_one(TransducerDefects, self.defects) if self.defects.strip() else None
 
     @property
     def family(self) -> Profile:

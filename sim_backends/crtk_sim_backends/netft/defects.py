@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crtk_sim_backends.netft.loads import Array
+from crtk_sim_backends.kit.loads import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """The faults that a simulated sensor box can have, as a table for fault files and injection.
 
-Those of `STREAM` happen to the datagrams of the stream, those of `wire_kinds` to a TCP port (or to
+Those of `kit.datagrams` happen to the datagrams of the stream, those of `wire_kinds` to a TCP port (or to
 "all"), the others to the box.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from crtk_sim_backends.faults import FaultKind, Parameter
 from crtk_sim_backends.kit import ALL_PORTS, wire_kinds
-from crtk_sim_backends.netft import datagrams
+from crtk_sim_backends.kit.datagrams import EVERY, STREAM_KINDS
 from crtk_sim_backends.netft.box import Box
 from crtk_sim_backends.netft.hostile import ANSWERS
 
@@ -33,22 +33,6 @@ TCP_PORTS: Final = ("tcp", "http")
 
 _PORT: Final = Parameter(str, ALL_PORTS, choices=(*TCP_PORTS, ALL_PORTS))
 _ANY_PORT: Final = Parameter(str, ALL_PORTS, choices=("rdt", *TCP_PORTS, ALL_PORTS))
-_EVERY: Final = Parameter(int, 10, minimum=1)
-
-STREAM: Final[Mapping[str, Callable[[Parameters], datagrams.DatagramHook]]] = {
-    "loss": lambda p: datagrams.lose(p["every"], p["burst"]),
-    "duplicate": lambda p: datagrams.duplicate(p["every"]),
-    "late": lambda p: datagrams.late(p["every"], p["by"]),
-    "corrupt": lambda p: datagrams.corrupt(p["every"], p["seed"]),
-    "short": lambda p: datagrams.cut(p["every"], p["size"]),
-    "long": lambda p: datagrams.lengthen(p["every"], p["size"]),
-    "empty": lambda p: datagrams.empty(p["every"]),
-}
-"""Kinds that change the datagrams of the stream, by name."""
-
-
-def _stream(name: str, summary: str, **parameters: Parameter) -> FaultKind:
-    return FaultKind(name, summary, {"every": _EVERY, **parameters}, lasting=True)
 
 
 def _once(name: str, summary: str, **parameters: Parameter) -> FaultKind:
@@ -62,30 +46,13 @@ def _lasting(name: str, summary: str, **parameters: Parameter) -> FaultKind:
 KINDS: Final[Mapping[str, FaultKind]] = {
     kind.name: kind
     for kind in (
-        _stream(
-            "loss",
-            "the last `burst` of every n datagrams are lost",
-            burst=Parameter(int, 1, minimum=1),
+        *STREAM_KINDS.values(),
+        FaultKind(
+            "foreign",
+            "a stranger sends records as well, one for every n of the stream",
+            {"every": EVERY},
+            lasting=True,
         ),
-        _stream("duplicate", "every n-th datagram comes twice"),
-        _stream(
-            "late",
-            "every n-th datagram is overtaken by later ones",
-            by=Parameter(int, 2, minimum=1, maximum=10_000),
-        ),
-        _stream(
-            "corrupt", "a byte of every n-th datagram is changed", seed=Parameter(int, 0, minimum=0)
-        ),
-        _stream(
-            "short", "every n-th datagram is cut", size=Parameter(int, 20, minimum=0, maximum=1439)
-        ),
-        _stream(
-            "long",
-            "every n-th datagram is too long",
-            size=Parameter(int, 4, minimum=1, maximum=60_000),
-        ),
-        _stream("empty", "an empty datagram comes before every n-th one"),
-        _stream("foreign", "a stranger sends records as well, one for every n of the stream"),
         _lasting("deaf", "requests to the RDT port are lost"),
         _once(
             "restart",

@@ -12,8 +12,7 @@ from typing import Final
 
 from crtk_sim_backends.faults import Fault
 from crtk_sim_backends.kit import ALL_PORTS
-from crtk_sim_backends.netft.datagrams import DatagramHook, through
-from crtk_sim_backends.netft.injection import STREAM
+from crtk_sim_backends.kit.datagrams import STREAM, DatagramHook, FaultyWay
 from crtk_sim_backends.netft.rdt import Address
 from crtk_sim_backends.process import AddressInUseError, SimStartError
 
@@ -53,7 +52,7 @@ class RdtPort:
         self._stranger = _open(host, 0)
         self._other_client = _open(host, 0)
         self._faults: set[str] = set()
-        self._hooks: dict[str, DatagramHook] = {}
+        self._way = FaultyWay()
         self._to: Address | None = None
 
     @property
@@ -70,14 +69,14 @@ class RdtPort:
     @property
     def is_plain(self) -> bool:
         """Whether datagrams go out just as they are."""
-        return self._socket is not None and not self._hooks
+        return self._socket is not None and self._way.is_plain
 
     def send(self, datagrams: Iterable[bytes], to: Address) -> None:
         """Send the datagrams of a stream, or what the faults make of them."""
         self._to = to
         if self._socket is None:
             return
-        for data in through(self._hooks.values(), datagrams):
+        for data in self._way.through(datagrams):
             self._send(self._socket, data, to)
 
     def plain_sender(self, to: Address) -> Callable[[memoryview], object]:
@@ -103,16 +102,18 @@ class RdtPort:
         """Let a fault begin; those that do not concern the port do nothing."""
         self._faults.add(fault.kind)
         if fault.kind in STREAM:
-            self._hooks[fault.kind] = STREAM[fault.kind](fault.parameters)
+            self._way.begin(fault.kind, STREAM[fault.kind](fault.parameters))
         elif fault.kind == "foreign":
-            self._hooks[fault.kind] = self._strange(fault.parameters["every"])
+            self._way.begin(fault.kind, self._strange(fault.parameters["every"]))
         elif fault.kind == "closed" and fault.parameters["port"] in (NAME, ALL_PORTS):
             self._close_port()
 
     def end(self, fault: Fault) -> None:
         """Let it end."""
         self._faults.discard(fault.kind)
-        self._hooks.pop(fault.kind, None)
+        self._way.end(fault.kind)
+        if self._to is not None:
+            self.send((), self._to)  # what is late by it: not to be taken for one of a later stream
         if fault.kind == "closed" and self._socket is None:
             self._socket = _open(self.host, self.number)
 

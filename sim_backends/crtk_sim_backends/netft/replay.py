@@ -28,7 +28,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from crtk_sim_backends.netft.loads import Array, LoadError
+from crtk_sim_backends.kit.loads import Array, LoadError
 from crtk_sim_backends.netft.pcap import Capture, CaptureError, is_capture
 
 LARGEST_FILE: Final = 1 << 29

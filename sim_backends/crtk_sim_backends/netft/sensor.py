@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from crtk_sim_backends.kit.loads import Array, Load
 from crtk_sim_backends.netft.defects import TransducerDefects, Wrongs
-from crtk_sim_backends.netft.loads import Array, Load
 from crtk_sim_backends.netft.settings import Settings
 
 SATURATES_AT: Final = 1.1

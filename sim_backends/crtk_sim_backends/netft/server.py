@@ -24,6 +24,7 @@ from crtk_sim_backends.control import token
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
 from crtk_sim_backends.kit import ALL_PORTS, Client, Port
+from crtk_sim_backends.kit.loads import parse_load
 from crtk_sim_backends.netft import rdt, rdt_port, scene
 from crtk_sim_backends.netft.box import Box
 from crtk_sim_backends.netft.config import HTTP_PORT, SimConfig
@@ -36,7 +37,6 @@ from crtk_sim_backends.netft.injection import (
     KINDS,
     TCP_PORTS,
 )
-from crtk_sim_backends.netft.loads import parse_load
 from crtk_sim_backends.netft.ports import Mute, Requests, Session
 from crtk_sim_backends.netft.rdt_port import RdtPort
 from crtk_sim_backends.netft.tcp import TcpSession

@@ -10,8 +10,8 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
+from crtk_sim_backends.kit.loads import Array, rotation
 from crtk_sim_backends.netft import units
-from crtk_sim_backends.netft.loads import Array, rotation
 from crtk_sim_backends.netft.profiles import Preset, Profile
 
 CONFIGURATIONS: Final = 16

@@ -1,6 +1,6 @@
-"""The page of whatever runs in this process: a plug-in of the group ``crtk_drivers.pages``.
+"""Pages of what runs in this process: plug-ins of the group ``crtk_drivers.pages``.
 
-The server of the page is a process of its own. It asks over a pipe, which nobody else can reach, and a thread
+The server of a page is a process of its own. It asks over a pipe, which nobody else can reach, and a thread
 of this process answers: what is shown is made here, all else there.
 """
 
@@ -9,15 +9,15 @@ from __future__ import annotations
 import json
 import logging
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, Final, Protocol
 
-from crtk_sim_backends.page.source import LIVE, SCENE
+from crtk_sim_backends.page.source import LIVE, SCENE, Answer
 from crtk_sim_backends.process import RunningSim, spawn
 
-LONGEST_REQUEST: Final = 64
+LONGEST_REQUEST: Final = 1 << 14
 """Bytes."""
 
 log = logging.getLogger(__name__)
@@ -34,12 +34,26 @@ class Shown(Protocol):
 
 
 class ServedPage:
-    """A page that is served; made by :meth:`DevicePage.serve`."""
+    """A page that is served; made by `serve`.
 
-    def __init__(self, server: RunningSim, pipe: Connection, shown: Shown) -> None:
+    Args:
+        server: of the page.
+        pipe: to it.
+        answers: what it may ask.
+        ended: called when it has ended without being asked to.
+    """
+
+    def __init__(
+        self,
+        server: RunningSim,
+        pipe: Connection,
+        answers: Mapping[str, Answer],
+        ended: Callable[[], object] = int,
+    ) -> None:
         self._server = server
         self._pipe = pipe
-        self._ask = {SCENE: shown.scene, LIVE: shown.live}
+        self._answers = answers
+        self._ended = ended
         self._stopping = False
         self._failed = ""
         self._thread = threading.Thread(target=self._answer_all, name="page", daemon=True)
@@ -65,15 +79,18 @@ class ServedPage:
         with self._pipe:
             try:
                 while True:
-                    number, what = self._pipe.recv_bytes(LONGEST_REQUEST).decode().split()
-                    self._pipe.send_bytes(self._answer(int(number), what))
+                    request = self._pipe.recv_bytes(LONGEST_REQUEST).decode()
+                    number, what, arguments = request.split(maxsplit=2)
+                    self._pipe.send_bytes(self._answer(int(number), what, arguments))
             except (EOFError, OSError):
                 if not self._stopping:
                     log.warning("the page at %s has ended; nothing else has", self.address)
+                    self._ended()
 
-    def _answer(self, number: int, what: str) -> bytes:
+    def _answer(self, number: int, what: str, arguments: str) -> bytes:
         try:
-            return json.dumps({"number": number, "shown": self._ask[what]()}).encode()
+            shown = self._answers[what](**json.loads(arguments))
+            return json.dumps({"number": number, "shown": shown}).encode()
         except Exception as error:  # whatever is shown, the page does not end what it shows
             reason = f"{type(error).__name__}: {error}"
             if reason != self._failed:
@@ -99,18 +116,41 @@ class DevicePage:
         Raises:
             SimStartError: the port cannot be bound.
         """
-        own, servers = Pipe()
-        try:
-            with servers:
-                server = spawn(
-                    "crtk_sim_backends.page",
-                    [f"--pipe-fd={servers.fileno()}", f"--host={host}", f"--port={port}"],
-                    pass_fds=(servers.fileno(),),
-                )
-        except BaseException:
-            own.close()
-            raise
-        return ServedPage(server, own, shown)
+        return serve({SCENE: shown.scene, LIVE: shown.live}, port, host)
 
 
 PAGE: Final = DevicePage()
+"""The entry point ``web``."""
+
+
+def serve(
+    answers: Mapping[str, Answer],
+    port: int,
+    host: str,
+    options: Sequence[str] = (),
+    ended: Callable[[], object] = int,
+) -> ServedPage:
+    """Start the server of a page; see `ServedPage` and `DevicePage.serve`.
+
+    Args:
+        answers: what it may ask.
+        port: 0 for any free one.
+        host: a loopback address.
+        options: of its command line.
+        ended: see `ServedPage`.
+
+    Raises:
+        SimStartError: the port cannot be bound.
+    """
+    own, servers = Pipe()
+    try:
+        with servers:
+            server = spawn(
+                "crtk_sim_backends.page",
+                [f"--pipe-fd={servers.fileno()}", f"--host={host}", f"--port={port}", *options],
+                pass_fds=(servers.fileno(),),
+            )
+    except BaseException:
+        own.close()
+        raise
+    return ServedPage(server, own, answers, ended)

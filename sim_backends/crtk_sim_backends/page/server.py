@@ -14,16 +14,17 @@ in no request for the page and in no log. The page of a device changes nothing.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hmac
 import json
 import logging
-import math
 import os
+import socket
 import sys
 import threading
 import time
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
@@ -35,29 +36,47 @@ from typing_extensions import override
 from crtk_sim_backends.command_line import stopped_by_signals
 from crtk_sim_backends.control import ControlError, ControlRefused
 from crtk_sim_backends.page import address_of
-from crtk_sim_backends.page.source import PipeSource, SimulatorSource, Source
+from crtk_sim_backends.page.source import (
+    PERIOD,
+    PipeSource,
+    SimulatorSource,
+    Source,
+    json_of,
+)
 from crtk_sim_backends.process import Readiness, SimStartError, listen
 from crtk_sim_backends.watching import NICENESS, Life, address
 
-PERIOD: Final = 1 / 30
-"""Seconds from one picture to the next."""
 HTTP_PORT: Final = 80
 """The port that a browser does not name."""
 WATCHERS: Final = 8
 """Browsers that may watch at the same time."""
 LARGEST_REQUEST: Final = 1 << 16
 """Bytes."""
+BACKLOG: Final = 512
+"""Connections that may wait to be accepted: one that finds no place there tries again after a second."""
+ASKING: Final = 64
+"""Connections that may be open and have asked for nothing yet."""
+
+Files = Mapping[str, tuple[str, str]]
+"""Name and type of a file, by path."""
 
 _POLL: Final = 0.1  # s
 _READ_TIMEOUT: Final = 10.0  # s
-_FILES: Final = {
-    "/": ("index.html", "text/html; charset=utf-8"),
-    "/chain.js": ("chain.js", "text/javascript; charset=utf-8"),
-    "/solids.js": ("solids.js", "text/javascript; charset=utf-8"),
-    "/arm.js": ("arm.js", "text/javascript; charset=utf-8"),
-    "/chart.js": ("chart.js", "text/javascript; charset=utf-8"),
-    "/view.js": ("view.js", "text/javascript; charset=utf-8"),
-}
+
+
+def _files(first: str, *scripts: str) -> Files:
+    """Return a page with its scripts, and those that all pages have, by path."""
+    shared = ("elements.js", "chain.js", "solids.js", "arm.js", "chart.js")
+    return {"/": (first, "text/html; charset=utf-8")} | {
+        f"/{name}": (name, "text/javascript; charset=utf-8") for name in (*shared, *scripts)
+    }
+
+
+ONE: Final = _files("index.html", "view.js")
+"""The page of a simulator, or of a device."""
+MANY: Final = _files("devices.html", "devices.js", "device_card.js", "pilot.js")
+"""The page of all devices on the graph, which looks by `/socket`."""
+
 _CHANGES: Final = {"/inject": "inject", "/clear": "clear"}
 _HEADERS: Final = {
     "Cache-Control": "no-store",
@@ -74,22 +93,6 @@ def page(name: str) -> bytes:
     return resources.files(__package__).joinpath("files", name).read_bytes()
 
 
-def json_of(value: Any) -> bytes:
-    """Return JSON that every browser reads: what is not finite, as a fault may have it, is null."""
-    try:
-        return json.dumps(value, allow_nan=False).encode()
-    except ValueError:
-        return json.dumps(_finite(value)).encode()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {name: _finite(each) for name, each in value.items()}
-    return [_finite(each) for each in value] if isinstance(value, list) else value
-
-
 class PageServer(ThreadingHTTPServer):
     """Serves a page.
 
@@ -100,18 +103,49 @@ class PageServer(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
 
-    def __init__(self, host: str, port: int, source: Source, life: Life) -> None:
+    def __init__(
+        self, host: str, port: int, source: Source, life: Life, files: Files = ONE
+    ) -> None:
         super().__init__((host, port), _Request, bind_and_activate=False)
         self.socket.close()
         self.socket = listen(
             host, port, "web", "choose another one with web_port (0: any free one)"
         )
+        self.socket.listen(BACKLOG)
         self.socket.setblocking(True)  # for `handle_request`, which waits for it
         self.server_address = self.socket.getsockname()
         self.timeout = _POLL
         self.source = source
         self.life = life
+        self.files = files
         self.watchers = threading.BoundedSemaphore(WATCHERS)
+        self._asking: dict[
+            socket.socket, None
+        ] = {}  # that have asked nothing yet, the oldest first
+        self._asking_lock = threading.Lock()
+
+    @override
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread; of `ASKING` connections that ask nothing, the oldest makes place."""
+        with self._asking_lock:
+            while len(self._asking) >= ASKING:
+                oldest = next(iter(self._asking))
+                del self._asking[oldest]
+                with contextlib.suppress(OSError):
+                    oldest.shutdown(socket.SHUT_RDWR)
+            self._asking[request] = None
+        super().process_request(request, client_address)
+
+    def has_asked(self, request: Any) -> None:
+        """A connection is one that is answered, and makes place for none."""
+        with self._asking_lock:
+            self._asking.pop(request, None)
+
+    @override
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection."""
+        self.has_asked(request)
+        super().shutdown_request(request)
 
     @property
     def own_names(self) -> set[str]:
@@ -167,9 +201,12 @@ class _Request(BaseHTTPRequestHandler):
             log.debug("the browser has gone")
 
     def _get(self) -> None:
-        if self.path in _FILES:
-            name, kind = _FILES[self.path]
+        files = self.server.files
+        if self.path in files:
+            name, kind = files[self.path]
             self._send(page(name), kind)
+        elif self.path == "/socket" and files is MANY:
+            self._serve_socket()
         elif self.path == "/scene.json":
             self._send(json_of(self.server.source.scene()), "application/json")
         elif self.path == "/events":
@@ -193,6 +230,7 @@ class _Request(BaseHTTPRequestHandler):
             raise _Refused(HTTPStatus.SERVICE_UNAVAILABLE, f"{WATCHERS} browsers watch already")
         try:
             self._begin("text/event-stream")
+            self.server.has_asked(self.connection)
             for live in self.server.source.pictures(PERIOD, self._wait):
                 self.wfile.write(b"data: " + json_of(live) + b"\n\n")
         except ControlRefused as error:
@@ -201,6 +239,20 @@ class _Request(BaseHTTPRequestHandler):
             log.info("the pictures end: %s", error)
         finally:
             self.server.watchers.release()
+
+    def _serve_socket(self) -> None:
+        from crtk_sim_backends.page.looking import Looking  # its library is of the extra `view`
+
+        own = {f"http://{name}" for name in self.server.own_names}
+        if self.headers.get("Origin") not in own:
+            raise _Refused(HTTPStatus.FORBIDDEN, "only pages of this server may look")
+        source = self.server.source
+        assert isinstance(source, PipeSource)
+        looking = Looking(self.connection, source, self.server.watchers)
+        looking.has_asked = partial(self.server.has_asked, self.connection)
+        self.close_connection = True
+        if looking.accept(self.path, self.headers.items()):
+            looking.serve(lambda: self.server.life.over)
 
     def _wait(self, seconds: float) -> bool:
         time.sleep(seconds)
@@ -253,6 +305,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--port", type=int, default=0, help="port of the page; 0: any free one")
     parser.add_argument("--host", default="127.0.0.1", help=argparse.SUPPRESS)
+    parser.add_argument("--many", action="store_true", help=argparse.SUPPRESS)
     for pipe in ("--pipe-fd", "--ready-fd", "--parent-fd"):
         parser.add_argument(pipe, type=int, default=None, help=argparse.SUPPRESS)
     given: Any = parser.parse_args(arguments)
@@ -265,10 +318,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         source: Source
         if given.control is None:
-            host, source = given.host, PipeSource(Connection(given.pipe_fd))
+            host, source = given.host, PipeSource(Connection(given.pipe_fd), given.many)
         else:
             host, source = given.control[0], SimulatorSource(given.control)
-        server = PageServer(host, given.port, source, life)
+        server = PageServer(host, given.port, source, life, MANY if given.many else ONE)
     except (ControlError, SimStartError) as error:
         readiness.tell(error=str(error))
         if given.parent_fd is None:

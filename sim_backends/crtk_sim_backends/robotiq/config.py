@@ -8,12 +8,15 @@ from typing import ClassVar
 
 from typing_extensions import override
 
-from crtk_sim_backends.kit import Options, check_choice, check_port, check_range, option
+from crtk_sim_backends.defects import read_one
+from crtk_sim_backends.kit import check_choice, check_port, check_range, option
+from crtk_sim_backends.kit.modbus_server import ModbusOptions
+from crtk_sim_backends.robotiq.defects import GripperDefects
 from crtk_sim_backends.robotiq.models import MODELS
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimConfig(Options):
+class SimConfig(ModbusOptions):
     """The options of ``crtk-driver sim robotiq``."""
 
     HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -24,11 +27,12 @@ class SimConfig(Options):
             "band_open",
             "band_closed",
             "object_lag",
+            "defects",
             "unit",
         ),
         "What lies between its fingers": ("object_width", "object_stiffness"),
-        "Ports": ("tool_port", "modbus_port", "urcap_port", "baud", "turnaround", "urcap_newline"),
-        **Options.HEADINGS,
+        "Ports": (*ModbusOptions.PORTS, "urcap_port", "urcap_newline"),
+        **ModbusOptions.HEADINGS,
     }
 
     model: str = option("2f-85", "which gripper", choices=tuple(MODELS))
@@ -39,14 +43,11 @@ class SimConfig(Options):
     band_open: float = option(3.0, "count (gPO) at which it is open as far as it goes")
     band_closed: float = option(230.0, "count at which it is closed as far as it goes")
     object_lag: float = option(0.003, "gOBJ comes later than the echo of a request, by so many s")
+    defects: str = option("", "what is wrong with it: short, blind, imagines, gives_way (docs)")
     unit: int = option(9, "its Modbus address")
     object_width: float = option(0.0, "width of what lies between the fingers, in m; 0: nothing")
     object_stiffness: float = option(1e5, "of what lies there, in N/m")
-    tool_port: int = option(54321, "TCP port of the robot's tool line; 0: any free one")
-    modbus_port: int = option(1502, "port of Modbus TCP (502 on hardware); 0: any free one")
     urcap_port: int = option(63352, "port of the URCap's text server; 0: any free one")
-    baud: int = option(115200, "bits a second of its serial lines; 0: as fast as it goes")
-    turnaround: float = option(0.0014, "seconds between a request and its answer on these")
     urcap_newline: bool = option(True, "the text server ends what it answers to GET with a newline")
 
     @override
@@ -57,10 +58,12 @@ class SimConfig(Options):
         check_range("band_open", self.band_open, 0.0, 100.0)
         check_range("band_closed", self.band_closed, 101.0, 255.0)
         check_range("object_lag", self.object_lag, 0.0, 0.1)
-        check_range("unit", self.unit, 1, 247)
         check_range("object_width", self.object_width, 0.0, 0.2)
         check_range("object_stiffness", self.object_stiffness, 100.0, 1e9)
-        check_range("baud", self.baud, 0, 10_000_000)
-        check_range("turnaround", self.turnaround, 0.0, 1.0)
-        for name in ("tool_port", "modbus_port", "urcap_port"):
-            check_port(name, getattr(self, name))
+        check_port("urcap_port", self.urcap_port)
+        _ = self.gripper_defects
+
+    @property
+    def gripper_defects(self) -> GripperDefects:
+        """What `defects` says."""
+        return read_one(GripperDefects, self.defects)

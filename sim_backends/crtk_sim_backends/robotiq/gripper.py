@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 from crtk_sim_backends.kit import Fault, FaultKind, Parameter
+from crtk_sim_backends.kit.jaw import JAW_KINDS, Jaw, Met
+from crtk_sim_backends.kit.modbus import ALL, window
+from crtk_sim_backends.page import Gauge, Gauges
+from crtk_sim_backends.robotiq.defects import GripperDefects
 from crtk_sim_backends.robotiq.models import MODELS
+
+COMMAND: Final = 1000
+STATUS: Final = 2000
+REGISTERS: Final = 3
+"""First registers of both blocks, and how many each has."""
 
 ACT: Final = 0x01
 GTO: Final = 0x08
@@ -24,25 +32,20 @@ QUIET: Final = 1.0
 """Seconds without a request after which fault 9 is set; the next request clears it."""
 PRESSING: Final = 0.1
 """Seconds for which the motor goes on to press after it has stalled; the screw holds without it."""
+HOLDS_FIRST: Final = 1.0
+"""Seconds after which fingers that give way do."""
+GIVES_WAY_AT: Final = 0.02
+"""m/s."""
 RUNNING_CURRENT: Final = 0.1
 NEWTONS_PER_AMPERE: Final = 250.0
 
+SOUND: Final = GripperDefects()
+
 _CODE = Parameter(int, minimum=0, maximum=15)
-_WIDTH = Parameter(float, minimum=0.0, maximum=0.2)
 KINDS: Final[Mapping[str, FaultKind]] = {
     kind.name: kind
     for kind in (
-        FaultKind(
-            "object",
-            "something lies between the fingers, or around them",
-            {
-                "width": _WIDTH,
-                "stiffness": Parameter(float, 1e5, minimum=100.0),
-                "around": Parameter(bool, False),
-            },
-            lasting=True,
-        ),
-        FaultKind("object_lost", "what lies there is gone"),
+        *JAW_KINDS.values(),
         FaultKind(
             "gripper_fault",
             "the gripper reports a fault (gFLT); one from 10 up outlasts it, until a reset",
@@ -57,6 +60,9 @@ KINDS: Final[Mapping[str, FaultKind]] = {
         ),
         FaultKind("unpowered", "no supply: it is silent, and reset when it is back", lasting=True),
         FaultKind("deactivated", "another master resets it"),
+        FaultKind(
+            "deactivated_meanwhile", "another master resets it just before the next command comes"
+        ),
         FaultKind("activated", "another master activates it"),
         FaultKind(
             "other_master",
@@ -75,48 +81,48 @@ KINDS: Final[Mapping[str, FaultKind]] = {
 }
 
 
-@dataclass
-class Thing:
-    """Something to grip: width in m, stiffness in N/m; `around`: the fingers open onto it."""
-
-    width: float
-    stiffness: float
-    around: bool
-
-
 class Gripper:
-    """One gripper. Positions inside are counts of gPO: 0 open to 255 closed.
+    """One gripper.
 
     Args:
         model: one of `MODELS`.
+        jaw: its fingers.
         band: counts at which the fingers are open and closed as far as they go.
         activated: whether somebody has activated it already.
         lag: seconds by which gOBJ comes later than the echo of a request.
+        defects: what is wrong with it.
     """
 
     kinds = KINDS
+    functions = ALL
 
     def __init__(
-        self, model: str, band: tuple[float, float], *, activated: bool, lag: float
+        self,
+        model: str,
+        jaw: Jaw,
+        band: tuple[float, float],
+        *,
+        activated: bool,
+        lag: float,
+        defects: GripperDefects = SOUND,
     ) -> None:
+        self._defects = defects
         self._lag = lag
         self.model = MODELS[model]
         self.band = band
-        self.position = band[0]
+        self.jaw = jaw
         self.written = bytearray(6)
         self.powered = True
         self.writes = 0
-        self.widest = 0.0
         self._state = RESET
         self._object = MOVING
         self._told = MOVING
         self._told_late = 0.0
         self._fault = self._controller_fault = 0
         self._sweep: list[float] = []
-        self.thing: Thing | None = None
         self.current = 0.0
-        self._stalled = 0.0
         self._quiet = 0.0
+        self._resets_next = False
         if activated:
             self.written[0], self._state = ACT, ACTIVE
 
@@ -128,8 +134,26 @@ class Gripper:
         if self._fault == SILENCE:
             self._fault = 0
 
-    def write(self, at: int, data: bytes) -> None:
-        """Take bytes of the registers from 1000 on, from byte `at`."""
+    def read(self, address: int, count: int) -> bytes:
+        """Return the bytes of registers; those of the command can be read, and read as zeros."""
+        if COMMAND <= address < COMMAND + REGISTERS:
+            window(COMMAND, REGISTERS, address, count)
+            return bytes(2 * count)
+        return self.report[window(STATUS, REGISTERS, address, count)]
+
+    def write(self, address: int, data: bytes) -> None:
+        """Take the bytes of registers."""
+        self.meanwhile()
+        self.command(window(COMMAND, REGISTERS, address, len(data) // 2).start, data)
+
+    def meanwhile(self) -> None:
+        """Let happen what another master does just before a command comes."""
+        if self._resets_next:
+            self._resets_next = False
+            self.command(0, bytes(6))
+
+    def command(self, at: int, data: bytes) -> None:
+        """Take bytes of the command, from byte `at`."""
         before = bytes(self.written)
         self.written[at : at + len(data)] = data
         self.writes += 1
@@ -138,14 +162,14 @@ class Gripper:
             self._state, self._sweep, self._object, self.current = RESET, [], MOVING, 0.0
             self._fault = NOT_ACTIVE if action & GTO else 0
         elif not before[0] & ACT:
-            self._state, self._sweep = ACTIVATING, [self.band[0], self.band[1], self.band[0]]
+            self._state, self._sweep = ACTIVATING, [self.model.stroke, 0.0, self.model.stroke]
             self._fault = 0
         elif action & GTO and self._state == ACTIVATING:
             self._fault = NOT_YET
         elif self._fault in (NOT_YET, NOT_ACTIVE):
             self._fault = 0
         if self.written != before and action & GTO:
-            self._object, self._told_late, self._stalled = MOVING, self._lag, 0.0
+            self._object, self._told_late = MOVING, self._lag
 
     @property
     def report(self) -> bytes:
@@ -170,74 +194,70 @@ class Gripper:
         if not self.powered or self._fault >= MAJOR:
             return
         if self._state == ACTIVATING:
-            if self._goes_to(self._sweep[0], self.model.speeds[1], self.model.forces[0], seconds):
+            pace, press = self.model.speeds[1], self.model.forces[0]
+            if self.jaw.follow(self._sweep[0], pace, press, seconds) is not Met.NOTHING:
                 del self._sweep[0]
             if not self._sweep:
                 self._state = ACTIVE
+            self.current = RUNNING_CURRENT
         elif self._state == ACTIVE and self.written[0] & (ACT | GTO) == ACT | GTO:
             self._follow(seconds)
-        self.widest = max(self.widest, self.opening)
 
     def _follow(self, seconds: float) -> None:
         """Go to the position that was asked for."""
+        jaw, held = self.jaw, self.jaw.thing if self._object == CLOSED_ONTO else None
+        if held is not None:
+            jaw.slip(seconds)
+        if self._defects.gives_way and held is not None and jaw.stalled > HOLDS_FIRST:
+            opened = jaw.opening + GIVES_WAY_AT * seconds
+            jaw.opening = min(held.width + self._defects.gives_way, opened)
+            jaw.stalled += seconds
+            return
         _, _, _, asked, speed, force = self.written
         slow, fast = self.model.speeds
         weak, strong = self.model.forces
-        goal = min(max(float(asked), self.band[0]), self.band[1])
-        closes = goal > self.position
+        short = self._defects.short
+        goal = min(max(self._opening_at(asked), short), self.model.stroke)
+        closes = goal < jaw.opening
         pace, press = slow + speed / 255 * (fast - slow), weak + force / 255 * (strong - weak)
-        if self._goes_to(goal, pace, press, seconds):
-            blocked = abs(goal - self.position) > 0.5
-            self._object = (CLOSED_ONTO if closes else OPENED_ONTO) if blocked else THERE
-            self._stalled += seconds
-            if blocked and self._stalled < PRESSING:
-                self.current = RUNNING_CURRENT + press / NEWTONS_PER_AMPERE
-        elif self._object != MOVING:  # what held it is gone
-            self._object, self._stalled = MOVING, 0.0
+        met = jaw.follow(goal, pace, self._defects.force_scale * press, seconds)
+        if met is Met.NOTHING:
+            self._object, self.current = MOVING, RUNNING_CURRENT
+            return
+        imagines = bool(self._defects.imagines) and goal == short
+        blocked = (met is Met.OBJECT or imagines) and not self._defects.blind
+        if self._object == MOVING or not blocked:
+            onto = CLOSED_ONTO if closes or imagines else OPENED_ONTO
+            self._object = onto if blocked else THERE
+        if blocked and jaw.stalled < PRESSING:
+            self.current = RUNNING_CURRENT + press / NEWTONS_PER_AMPERE
 
-    def _goes_to(self, goal: float, speed: float, force: float, seconds: float) -> bool:
-        """Move for a while; whether it can go no further."""
-        step = self._counts(speed * seconds)
-        target, thing = goal, self.thing
-        if thing is not None and thing.around is (goal < self.position):
-            give = force / thing.stiffness
-            edge = self._count_at(thing.width + give if thing.around else thing.width - give)
-            beyond = edge < self.position if thing.around else edge > self.position
-            target = (max(goal, edge) if thing.around else min(goal, edge)) if beyond else goal
-            if not beyond and abs(edge - self.position) < 2.0 * step + 1e-6:
-                target = self.position
-        left = target - self.position
-        self.position += min(max(left, -step), step)
-        if abs(left) <= step:
-            return True
-        self.current = RUNNING_CURRENT
-        return False
+    def _opening_at(self, count: float) -> float:
+        """Return the opening in m at a count."""
+        open_at, closed_at = self.band
+        return self.model.stroke * (closed_at - count) / (closed_at - open_at)
 
     @property
-    def opening(self) -> float:
-        """Between the fingers, in m."""
-        return self.model.stroke * (self.band[1] - self.position) / (self.band[1] - self.band[0])
-
-    def _counts(self, metres: float) -> float:
-        return metres / self.model.stroke * (self.band[1] - self.band[0])
-
-    def _count_at(self, opening: float) -> float:
-        return self.band[1] - self._counts(opening)
+    def position(self) -> float:
+        """Count of gPO: 0 open to 255 closed."""
+        open_at, closed_at = self.band
+        return closed_at - self.jaw.opening / self.model.stroke * (closed_at - open_at)
 
     # --------------------------------------------------------------------------------- its faults
 
     def begin(self, fault: Fault) -> None:
         """Let a fault begin."""
         given = fault.parameters
+        if self.jaw.begin(fault):
+            return
         acts: Mapping[str, Callable[[], object]] = {
-            "object": lambda: self._put(Thing(given["width"], given["stiffness"], given["around"])),
-            "object_lost": lambda: self._put(None),
             "gripper_fault": lambda: setattr(self, "_fault", given["code"]),
             "controller_fault": lambda: setattr(self, "_controller_fault", given["code"]),
             "unpowered": lambda: setattr(self, "powered", False),
-            "deactivated": lambda: self.write(0, bytes(6)),
-            "activated": lambda: self.write(0, bytes((ACT, 0, 0, 0, 0, 0))),
-            "other_master": lambda: self.write(
+            "deactivated": lambda: self.command(0, bytes(6)),
+            "deactivated_meanwhile": lambda: setattr(self, "_resets_next", True),
+            "activated": lambda: self.command(0, bytes((ACT, 0, 0, 0, 0, 0))),
+            "other_master": lambda: self.command(
                 0, bytes((ACT | GTO, 0, 0, given["position"], given["speed"], 0))
             ),
             "other_model": lambda: self._become(given["model"]),
@@ -246,36 +266,39 @@ class Gripper:
 
     def end(self, fault: Fault) -> None:
         """Let it end."""
-        if fault.kind == "object":
-            self._put(None)
-        elif fault.kind == "controller_fault":
+        if self.jaw.end(fault):
+            return
+        if fault.kind == "controller_fault":
             self._controller_fault = 0
         elif fault.kind == "gripper_fault" and self._fault < MAJOR:
             self._fault = 0
         elif fault.kind == "unpowered":
             self.powered = True
-            self.write(0, bytes(6))
-
-    def _put(self, thing: Thing | None) -> None:
-        self.thing = thing
+            self.command(0, bytes(6))
 
     def _become(self, model: str) -> None:
         self.model = MODELS[model]
-        self.write(0, bytes(6))
+        self.command(0, bytes(6))
 
     def status(self) -> dict[str, Any]:
         """What a test or a person wants to know."""
         names = {RESET: "reset", ACTIVATING: "activating", ACTIVE: "active"}
         return {
-            "opening": self.opening,
+            **self.jaw.status,
             "position": self.position,
             "state": names[self._state] if self.powered else "no power",
             "moves": bool(self.current) and self._object == MOVING,
             "object": self._object,
-            "stalled": self._stalled,
             "current": self.current,
             "fault": self._fault,
             "written": bytes(self.written).hex(" "),
             "writes": self.writes,
-            "widest": self.widest,
         }
+
+    def gauges(self) -> list[Gauges]:
+        """What the page shows."""
+        current: Gauge = {"name": "current", "low": 0.0, "high": 2.55, "value": self.current}
+        return [
+            self.jaw.gauges(0.0, self.model.stroke),
+            {"title": "Motor", "unit": "A", "rate": "", "digits": 2, "gauges": [current]},
+        ]

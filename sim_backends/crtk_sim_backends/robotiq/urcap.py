@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Final
 
 from crtk_sim_backends.kit import Session
+from crtk_sim_backends.kit.modbus_line import Distortion
 from crtk_sim_backends.robotiq.gripper import ACT, ATR, GTO, Gripper
-from crtk_sim_backends.robotiq.line import Distortion
 
 WRITTEN: Final = {"POS": 3, "SPE": 4, "FOR": 5}
 """Byte of the command block, by the name of the variable."""
@@ -92,6 +92,7 @@ class UrcapSession:
         return UNKNOWN.encode() + self._end if verb else b""
 
     def _set(self, pairs: dict[str, str]) -> bytes:
+        self._gripper.meanwhile()
         block = bytearray(self._gripper.written)
         for name, text in pairs.items():
             if not text.isdigit() or int(text) > 255:
@@ -102,5 +103,5 @@ class UrcapSession:
                 block[0] = block[0] & ~BITS[name] | BITS[name] * (text != "0")
             elif name != "SID":
                 return UNKNOWN.encode() + self._end
-        self._gripper.write(0, bytes(block))
+        self._gripper.command(0, bytes(block))
         return b"ack"

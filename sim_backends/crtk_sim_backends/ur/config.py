@@ -95,7 +95,7 @@ class SimConfig(Options):
             "modbus_port",
             "robot_api",
             "robot_api_port",
-            "view",
+            "fieldbus",
             "web",
             "web_port",
         ),
@@ -154,6 +154,11 @@ class SimConfig(Options):
         PORTS["robot_api"],
         "its port; most systems permit 80 to root only; 0: any free one",
     )
+    fieldbus: bool = option(
+        False,
+        "EtherNet/IP or PROFINET is enabled: it has the lower general purpose input registers, which no "
+        "RTDE client gets",
+    )
     tool_communication: bool = option(
         False, "start with the serial line to the tool on, at 115200 8N1, and 24 V for the tool"
     )
@@ -175,7 +180,6 @@ class SimConfig(Options):
     record_rate: float = option(0.0, "rows a second of the controller; 0: every control period")
     replay: str = option("", "recording to publish instead, for clients that only listen")
     replay_loop: bool = option(False, "begin the recording anew at its end")
-    view: bool = option(False, "show joints, modes and program in the terminal")
     trace_size: int = option(5000, "how many received input packages the trace keeps")
     contact: str = option(
         "",

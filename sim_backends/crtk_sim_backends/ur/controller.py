@@ -25,6 +25,7 @@ from crtk_sim_backends.ur.motion.limits import SafetyLimits
 from crtk_sim_backends.ur.motion.moves import Moves
 from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.motion.streams import Streams
+from crtk_sim_backends.ur.program.conveyor_library import conveyor_builtins
 from crtk_sim_backends.ur.program.force_library import force_builtins
 from crtk_sim_backends.ur.program.interpreter import Interpreter
 from crtk_sim_backends.ur.program.io_library import io_builtins
@@ -48,6 +49,7 @@ from crtk_sim_backends.ur.safety.power import ArmPower
 from crtk_sim_backends.ur.safety.system import OPERATIONAL_MODES, SafetySystem
 from crtk_sim_backends.ur.signals import variables
 from crtk_sim_backends.ur.signals.control_box import Signals
+from crtk_sim_backends.ur.signals.encoders import Encoders
 from crtk_sim_backends.ur.signals.port_map import PortMap
 from crtk_sim_backends.ur.signals.process_image import ProcessImage
 from crtk_sim_backends.ur.signals.state_signals import StateSignals
@@ -105,6 +107,7 @@ class Controller:
         signals: digital and analog signals.
         port_map: registers and bits of its Modbus server.
         state_signals: outputs that follow the state, and inputs that act.
+        encoders: of conveyors.
         tool_communication: settings of the serial line to the tool; see `set_tool_communication`.
         surroundings: what acts on the tool.
     """
@@ -145,6 +148,7 @@ class Controller:
             self.version, self.clock, self.inputs, self.outputs, self.signals, self.write_inputs
         )
         self.tool_communication = LineSettings()
+        self.encoders = Encoders(self.outputs, self.dt)
         self.plant = Plant(model, self.dt)
         self.surroundings: Surroundings = Surroundings(
             self.plant.force_sensor, self.outputs, self.plant.load_changed, surfaces
@@ -181,7 +185,10 @@ class Controller:
                         pose_builtins(),
                         settings_builtins(),
                         robot_builtins(self),
-                        force_builtins(self.plant, self.surroundings, self.outputs),
+                        force_builtins(
+                            self.plant, self.surroundings, self.outputs, self.player.watch_forces
+                        ),
+                        conveyor_builtins(self.encoders, motion),
                         io_builtins(self.inputs, self.outputs, self.player, self.port_map),
                         signal_builtins(self),
                         self.interpreter.builtins(),
@@ -205,12 +212,13 @@ class Controller:
         if self._power.advance(self.time):
             self._power_changed()
         self._update_scale()
+        self.encoders.step()
         self.player.step()
         self.surroundings.act()
-        self.plant.comply()
-        violation = self.plant.arm.step()
-        if violation is not None:
-            self.protective_stop(violation.code, violation.argument)
+        beside = self.plant.leave_plan(self.player.pause_factor)
+        for violation in (beside, self.plant.arm.step()):
+            if violation is not None:
+                self.protective_stop(violation.code, violation.argument)
         self._settle()
         self.state_signals.update()
         self._image.update()
@@ -372,6 +380,11 @@ class Controller:
         """Queue a message for the primary clients, and enter it in the log."""
         self._messages.append(message)
         self.log.append((self.time, message))
+        if isinstance(message, ErrorMessage) and self.player.pauses_on & {
+            (message.code, None),
+            (message.code, message.argument),
+        }:
+            self.pause()
 
     def take_messages(self) -> list[Message]:
         """Messages since the last call, oldest first."""
@@ -624,7 +637,7 @@ class Controller:
     def _power_changed(self) -> None:
         self.plant.arm.enabled = self.robot_mode == RobotMode.RUNNING
         if not self.plant.arm.enabled:
-            self.plant.compliance.end()
+            self.plant.end_modes()
 
 
 def _unlock_at_once(controller: Controller) -> None:

@@ -15,6 +15,7 @@ from crtk_sim_backends.ur.config import PORTS
 from crtk_sim_backends.ur.motion.contact import DAMPING, STIFFNESS, UP, Surface
 from crtk_sim_backends.ur.safety.modes import SafetyMode
 from crtk_sim_backends.ur.signals.control_box import ANALOG_INPUTS
+from crtk_sim_backends.ur.signals.registers import FIELDBUS_INPUTS, fieldbus_value
 from crtk_sim_backends.ur.signals.variables import OUTPUTS
 
 if TYPE_CHECKING:
@@ -76,6 +77,10 @@ BEGIN: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "speed_slider": lambda c, p: c.write_inputs(
         {"speed_slider_mask": 1, "speed_slider_fraction": p["fraction"]}
     ),
+    "conveyor": lambda c, p: c.encoders.move(p["encoder"], p["ticks"]),
+    "fieldbus_input": lambda c, p: c.write_inputs(
+        {p["register"]: fieldbus_value(p["register"], p["value"])}
+    ),
     "digital_inputs": lambda c, p: c.signals.set_digital_inputs(p["bits"]),
     "analog_input": lambda c, p: c.signals.set_analog_input(p["signal"], p["value"]),
 }
@@ -100,6 +105,7 @@ END: Final[Mapping[str, Callable[[Controller, Parameters], object]]] = {
     "speed_slider": lambda c, p: c.write_inputs(
         {"speed_slider_mask": 1, "speed_slider_fraction": 1.0}
     ),
+    "conveyor": lambda c, p: c.encoders.move(p["encoder"], 0.0),
     "digital_inputs": lambda c, p: c.signals.set_digital_inputs(0),
     "analog_input": lambda c, p: c.signals.set_analog_input(p["signal"], 0.0),
 }
@@ -167,6 +173,18 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             "speed_slider",
             "somebody moves the speed slider; cleared: back to 100 %",
             fraction=Parameter(float, minimum=0.0, maximum=1.0),
+        ),
+        _robot_kind(
+            "fieldbus_input",
+            "the PLC at the other end of EtherNet/IP or PROFINET sets a register",
+            register=Parameter(str, choices=FIELDBUS_INPUTS),
+            value=Parameter(float, minimum=-(2.0**31), maximum=2.0**32 - 1.0),
+        ),
+        _robot_kind(
+            "conveyor",
+            "a belt turns an encoder that decodes pulses (ticks/s); cleared: it stands",
+            encoder=Parameter(int, 0, minimum=0, maximum=1),
+            ticks=Parameter(float, minimum=-40000.0, maximum=40000.0),
         ),
         _robot_kind(
             "digital_inputs",

@@ -67,21 +67,23 @@ class Pace:
         self._window = now
         self._periods = 0
 
-    def started(self, now: float) -> None:
-        """Note that the period that was due has begun, and plan the next one."""
+    def started(self, now: float) -> float:
+        """Note that the period that was due has begun, plan the next, and return how late it is, s."""
         late = now - self.due
         statistics = self._statistics
         statistics.worst_delay = max(statistics.worst_delay, late)
         if late > LATE:
             statistics.late += 1
-        if late > _CATCH_UP_LIMIT:
-            statistics.skipped += int(late / self._wall)
+        left_out = int(late / self._wall) if late > _CATCH_UP_LIMIT else 0
+        if left_out:
+            statistics.skipped += left_out
             self.due = now
         self.due += self._wall
         self.wake = max(self.due, now + self._wall / _CATCH_UP_SPEED)
         self._periods += 1
         if now - self._window >= _WINDOW:
             self._measure(now)
+        return late
 
     def _measure(self, now: float) -> None:
         self.reached = self._periods * self._period / (now - self._window)

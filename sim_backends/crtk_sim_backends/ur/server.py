@@ -23,10 +23,8 @@ from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
 from crtk_sim_backends.kit import ALL_PORTS, Mute, Port, Session
 from crtk_sim_backends.process import (
-    RunningSim,
     SimStartError,
     bind_somewhere,
-    spawn,
     use_realtime_priority,
 )
 from crtk_sim_backends.ur.config import SimConfig
@@ -56,6 +54,7 @@ from crtk_sim_backends.ur.program.script_rpc import ScriptRpc
 from crtk_sim_backends.ur.program.script_sockets import ScriptSockets
 from crtk_sim_backends.ur.signals.modbus_client import ModbusUnits
 from crtk_sim_backends.ur.signals.recording import Recorder, Recording, RecordingError
+from crtk_sim_backends.ur.signals.registers import FIELDBUS_INPUTS
 from crtk_sim_backends.ur.urscript import Builtin
 from crtk_sim_backends.ur.views import picture, scene
 from crtk_sim_backends.ur.views.replay import NoInputs, ReplayedController, load
@@ -66,8 +65,10 @@ _SLOW_READER_LIMIT: Final = 5.0  # s (real) without taking anything that end an 
 _CLIENTS_PER_PORT: Final = 64
 _LAST_COMMANDS: Final = 20
 _WRITABLE: Final = ("primary", "secondary", "realtime")
-_PLACES: Final = ("port", "joint", "index")  # parameters that say where a fault is
+_PLACES: Final = ("port", "joint", "index", "encoder")  # parameters that say where a fault is
 _DECIDED_ONCE: Final = ("primary", "secondary")  # read-only for good when opened in local control
+_CLIENTS_AHEAD: Final = 0.02  # s of a delay after which what they ask for is a leap
+_STRIDE: Final = 0.008  # s in which periods are done at once where nobody waits for one of them
 _SWITCH_INTERVAL: Final = 1e-4  # s that the loop waits for the thread that compiles
 
 
@@ -124,10 +125,14 @@ class UrServer:
         self._period = self.controller.dt
         self._pace = Pace(self._period, config.speed, self.statistics)
         self._state_every = round(STATE_PERIOD / self._period)
+        self._stride = max(1, round(_STRIDE * min(1.0, config.speed) / self._period))
+        self._unwatched = 0  # periods before the next that somebody waits for
         self._encoder = RobotStateEncoder(config.robot, config.software)
         self._realtime_length = realtime.packet_length(config.software)
         self._slow_reader_limit = _SLOW_READER_LIMIT * config.speed
-        self._claims = NoInputs() if config.replay else InputClaims()
+        self._claims = (
+            NoInputs() if config.replay else InputClaims(FIELDBUS_INPUTS if config.fieldbus else ())
+        )
         self._trace = Trace(config.trace_size)
         self._robot = Robot(
             self.controller, config.robot, config.software, config.serial_number, self.stop
@@ -136,11 +141,9 @@ class UrServer:
         self._was_moving = False
         self._dashboard_commands: deque[str] = deque(maxlen=_LAST_COMMANDS)
         self._recorder: Recorder | None = None
-        self._watchers: list[RunningSim] = []
         try:
             if config.record:
                 self._recorder = self._make_recorder()
-            self._start_watchers()
         except SimStartError:
             self.close()
             raise
@@ -172,12 +175,6 @@ class UrServer:
             extra_builtins=self._network_builtins,
         )
 
-    def _start_watchers(self) -> None:
-        """Start the program that shows what happens in the terminal, in a process of its own."""
-        control = f"{self.host}:{self.ports[CONTROL]}"
-        if self.config.view:
-            self._watchers.append(spawn(f"{__package__}.views.terminal", [control]))
-
     def _is_heard(self) -> bool:
         """Whether an RTDE client has started its packages."""
         sessions = (client.session for client in self._ports["rtde"].clients)
@@ -197,21 +194,25 @@ class UrServer:
         yield from self._sockets.builtins(controller.clock)
         yield from self._rpc.builtins()
         yield from modbus_builtins(controller.state_signals, self._modbus_units)
+        yield Builtin("powerdown", self._power_down)
+
+    def _power_down(self) -> None:
+        """Switch arm and controller off, as a program asks for."""
+        self.controller.power_off()
+        self.stop()
 
     def stop(self) -> None:
-        """End :meth:`run` within one control period. Safe in a signal handler."""
+        """End :meth:`run` within 10 ms. Safe in a signal handler."""
         self.stopping = True
 
     def close(self) -> None:
-        """Close the recording and every socket, and end the programs that watch."""
+        """Close the recording and every socket."""
         if self._recorder is not None:
             self._recorder.close()
         self._sockets.close_all()
         self._modbus_units.close()
         self._external.close()
         self._clients.close()
-        for watcher in self._watchers:
-            watcher.stop()
 
     def run(self) -> None:
         """Run at the chosen speed until :meth:`stop`, or until the parent process has died."""
@@ -224,40 +225,83 @@ class UrServer:
             self._recorder.start()
         self._pace.begin(time.monotonic())
         while not self.stopping:
-            self._clients.serve_until(self._pace.wake)
-            started = time.monotonic()
-            self._pace.started(started)
-            self.step(started * self.config.speed)
-            self.statistics.busy += time.monotonic() - started
+            self._clients.serve_until(self._wake)
+            self.catch_up()
+            self._do_period(time.monotonic())
 
-    def step(self, now: float) -> None:
+    def _wake(self) -> float:
+        """When the next period has to begin that somebody waits for, monotonic s; the others follow then."""
+        self._unwatched = self._until_watched()
+        return self._pace.wake + self._unwatched * self._period / self.config.speed
+
+    def catch_up(self) -> None:
+        """Do the periods that nobody waited for, up to now: what has just arrived comes after them."""
+        now = time.monotonic()
+        while self._unwatched and self._pace.due <= now:
+            self._unwatched -= 1
+            self._do_period(self._pace.due, watched=False)
+
+    def _do_period(self, begun: float, *, watched: bool = True) -> None:
+        started = time.monotonic()
+        if self._pace.started(begun) > _CLIENTS_AHEAD:
+            self.controller.plant.arm.forgive()
+        self.step(started * self.config.speed, watched=watched)
+        self.statistics.busy += time.monotonic() - started
+
+    def _until_watched(self) -> int:
+        """How many periods come before the next that somebody would miss at its time."""
+        paced = (
+            self.config.replay
+            or self.config.tool_device
+            or self._faults.active
+            or self._scripts.waiting
+            or self._sockets.open
+            or self._clients.busy
+        )
+        if paced:
+            return 0
+        ticks = self.controller.tick_count
+        sessions = (client.session for client in self._ports["rtde"].clients)
+        dividers = [
+            session.divider
+            for session in sessions
+            if isinstance(session, RtdeSession) and session.started
+        ]
+        return (
+            min(every - ticks % every for every in (self._stride, self._state_every, *dividers)) - 1
+        )
+
+    def step(self, now: float, *, watched: bool = True) -> None:
         """Advance one control period. Called by :meth:`run`.
 
         Args:
             now: time of the wires: of the monotonic clock, but `speed` times as fast, s. Faults begin
                 and end in the controller's time, which lags behind that on a slow machine.
+            watched: whether there is anything to send, or to move on, on the ports.
         """
         self._elapsed += self._period
-        answers = self._clients.do_requests(now)
+        answers = self._clients.do_requests(now) if watched else []
         if self._faults.play(self._elapsed):
             self._clients.changed = True
         if not self._clients.stalled:
-            self._advance(now)
+            self._advance(now, watched)
         self._clients.answer(answers, now)
 
-    def _advance(self, now: float) -> None:
+    def _advance(self, now: float, watched: bool) -> None:
         """Move everything on by one control period, unless the controller hangs."""
-        self._clients.push(now)
+        if watched:
+            self._clients.push(now)
         self._scripts.run_compiled()
         self.controller.tick()
         self.statistics.ticks += 1
         if self._recorder is not None:
             self._recorder.add(self.controller.outputs, self.controller.tick_count)
         self._report(now)
-        self._send_states(now)
-        self._send_rtde(now)
-        self._serve_tool(now)
-        self._sockets.flush()
+        if watched:
+            self._send_states(now)
+            self._send_rtde(now)
+            self._serve_tool(now)
+            self._sockets.flush()
 
     # Clients
 
@@ -292,8 +336,6 @@ class UrServer:
                         "inject": self._inject,
                         "clear": self._clear,
                         "status": self.status,
-                        "arm": lambda: picture.arm(self.config, self.host),
-                        "picture": self._picture,
                         "scene": lambda: scene.scene(self.config, self.host),
                         "live": lambda: scene.live(self.controller.model, self._picture()),
                         "outputs": self._outputs,

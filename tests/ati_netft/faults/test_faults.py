@@ -189,9 +189,14 @@ def test_a_reboot_with_another_scale_is_read_anew(bench) -> None:
 
 
 def test_a_stolen_stream_is_taken_back_and_told(bench) -> None:
-    bench.sim.control.inject("takeover")
-    eventually(lambda: bench.counter("takeovers") >= 1, "noticed")
-    rises(bench, "received")
+    def is_noticed() -> bool:
+        """A stream that comes late when it is asked for again may have been away, and is not told."""
+        bench.sim.control.inject("takeover")
+        rises(bench, "received")
+        rises(bench, "received")
+        return bench.counter("takeovers") >= 1
+
+    eventually(is_noticed, "noticed")
     assert "another client" in (bench.note("bias") or (None, ""))[1]
     assert bench.front.is_enabled()
     assert bench.front.health().reconnects == 0
@@ -210,7 +215,7 @@ def test_a_silent_sensor_is_a_fault_and_comes_back_by_itself(bench, kind) -> Non
 
 
 def test_a_short_silence_is_bridged(bench) -> None:
-    bench.sim.control.inject("stall", duration=0.25)
+    bench.sim.control.inject("stall", duration=1.0)
     eventually(lambda: not bench.sim.control.status()["faults"], "over")
     rises(bench, "received")
     assert bench.front.health().reconnects == 0
@@ -291,8 +296,8 @@ def test_status_bits_mean_what_they_mean_in_their_family(boxes, profile, bits, s
         bench.front.enable()
         sim.control.inject("status", bits=bits)
         key = "status" if state is FAULT else "notice"
-        eventually(lambda: bench.note(key), "told")
-        assert text in bench.note(key)[1]
+        _, told = eventually(lambda: bench.note(key), "told")
+        assert text in told
         bench.state(state)
         assert bench.front.health().reconnects == 0
         sim.control.clear()
@@ -309,10 +314,10 @@ def test_saturation_is_published_and_flagged(boxes, profile) -> None:
     with driver_at(sim, named) as bench:
         bench.front.enable()
         sim.control.inject("saturation", axis=2)
-        eventually(lambda: bench.note("saturation"), "told")
-        assert bench.note("saturation")[0] is Severity.ERROR
+        severity, _ = eventually(lambda: bench.note("saturation"), "told")
+        assert severity is Severity.ERROR
         eventually(lambda: bench.load()[2] > 200.0, "published")
-        assert bench.session.engine.feedback("measured_cf")[1].wall_ns > 0
+        eventually(lambda: bench.session.engine.feedback("measured_cf")[1].wall_ns > 0, "valid")
         assert bench.front.is_enabled()
         sim.control.clear()
         bench.until_load(LOAD)
@@ -322,9 +327,9 @@ def test_saturation_is_published_and_flagged(boxes, profile) -> None:
 def test_a_load_beyond_the_range_saturates_by_itself(bench) -> None:
     bench.sim.control.inject("push", wrench=[0.0, 0.0, 2000.0, 0.0, 0.0, 0.0])
     eventually(lambda: bench.note("saturation"), "told")
-    eventually(lambda: bench.note("overload"), "overload told")
     bench.until_load([*LOAD[:2], 1.1 * 990.0, *LOAD[3:]])
-    assert "Fz" in bench.note("overload")[1]
+    _, told = eventually(lambda: bench.note("overload"), "overload told")
+    assert "Fz" in told
     bench.sim.control.clear()
     bench.until_load(LOAD)
 

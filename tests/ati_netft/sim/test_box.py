@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crtk_sim_backends.kit.loads import LOADS
 from crtk_sim_backends.netft.config import ConfigError, SimConfig
 from crtk_sim_backends.netft.hostile import ANSWERS
 from crtk_sim_backends.netft.injection import EVENTS, KINDS
-from crtk_sim_backends.netft.loads import LOADS
 from crtk_sim_backends.netft.rdt import decode
 from rigs.netft_clients import VirtualBox, records, request
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_sim_backends.netft.loads import GRAVITY, LoadError, Sum, parse_load
+from crtk_sim_backends.kit.loads import GRAVITY, LoadError, Sum, parse_load
 
 T = np.linspace(0.0, 2.0, 201)
 

@@ -11,6 +11,7 @@ from crtk_sim_backends.netft.http import HttpSession
 from crtk_sim_backends.netft.pages import sensor_page
 from crtk_sim_backends.netft.settings import PAGES
 from crtk_sim_backends.netft.tcp import TcpSession
+from rigs.examples import examples
 from rigs.netft_clients import VirtualBox, tags
 
 VARIABLES = sorted({name for page in PAGES.values() for name in page})
@@ -98,7 +99,7 @@ def test_any_http_bytes(data):
     check(box)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 2**32 - 1)), max_size=10))
 def test_any_rdt_requests(requests):
     box = VirtualBox(profile="onrobot")

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from crtk_driver_ati_netft.blocks import MEASUREMENT
 from crtk_driver_ati_netft.recording import encode_block, encode_header
+from crtk_sim_backends.kit.loads import LoadError, parse_load
 from crtk_sim_backends.netft import replay
-from crtk_sim_backends.netft.loads import LoadError, parse_load
 from crtk_sim_backends.netft.pcap import Capture, CaptureError
 from crtk_sim_backends.netft.replay import Replay
 

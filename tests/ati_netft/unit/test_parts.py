@@ -10,16 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crtk_driver_ati_netft import PLUGIN
-from crtk_driver_ati_netft.averaging import Averaging
 from crtk_driver_ati_netft.blocks import MEASUREMENT, BlockRing
 from crtk_driver_ati_netft.config import NetFtConfig
-from crtk_driver_ati_netft.filters import LowPass, Mean
-from crtk_driver_ati_netft.monitor import LATCH, LoadMonitor
 from crtk_driver_ati_netft.pipeline import Pipeline
 from crtk_driver_ati_netft.profiles import AXIA, NETBOX
 from crtk_driver_ati_netft.stream import Batch
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.kit.averaging import Averaging
+from crtk_drivers.kit.clock_fit import WallClock
+from crtk_drivers.kit.sensing.filters import LowPass, Mean
+from crtk_drivers.kit.sensing.load_monitor import LATCH, LoadMonitor
 from crtk_drivers.samples import vector
 
 
@@ -104,13 +105,28 @@ def test_an_average_takes_what_was_measured_in_its_time() -> None:
     assert result.deviation == pytest.approx([np.sqrt(2.0 / 3.0)] * 6)
 
 
+def test_an_average_of_a_sensor_that_paused_begins_after_the_pause() -> None:
+    averaging = Averaging(0.005, begin=10.0)
+    averaging.take(np.array([[1.0] * 6, [3.0] * 6]), vector([10.1, 10.102]))
+    assert not averaging.done
+    averaging.take(np.array([[5.0] * 6, [99.0] * 6]), vector([10.105, 10.106]))
+    assert averaging.done
+    assert averaging.result().mean == pytest.approx([3.0] * 6)
+
+
 # ------------------------------------------------------------------------------------------- monitored
 
 
+def looked_at(values, status=None) -> tuple[np.ndarray, np.ndarray]:
+    """What a monitor looks at."""
+    made = batch(values, status)
+    return made.status, made.values
+
+
 def test_a_condition_is_told_for_a_while_after_it_is_over() -> None:
-    monitor = LoadMonitor(NETBOX, alarm=1.0)
-    monitor.take(batch([[0] * 6] * 3, [0, 0x80020000, 0]), 5.0)
-    monitor.take(batch([[0] * 6] * 3, [0x80000004, 0, 0]), 5.1)
+    monitor = LoadMonitor(NETBOX.status, alarm=1.0)
+    monitor.take(*looked_at([[0] * 6] * 3, [0, 0x80020000, 0]), 5.0)
+    monitor.take(*looked_at([[0] * 6] * 3, [0x80000004, 0, 0]), 5.1)
     assert "saturated" in monitor.saturation(5.0 + LATCH - 0.01)
     assert monitor.saturation(5.0 + LATCH + 0.01) == ""
     assert "temperature" in monitor.error(5.1 + LATCH - 0.01)
@@ -118,23 +134,43 @@ def test_a_condition_is_told_for_a_while_after_it_is_over() -> None:
     assert (monitor.saturated_records, monitor.error_records) == (1, 1)
 
 
+def test_a_value_is_as_good_as_the_worst_measurement_in_it() -> None:
+    monitor = LoadMonitor(NETBOX.status, alarm=1.0, on_saturation="invalid")
+    clean, bad = [0] * 3, [0, 0x80020000, 0]
+    for words, rest, is_valid in (
+        ([bad, clean], 0, False),  # also where those that arrived last are clean
+        ([clean], 0, True),
+        ([clean, bad], 1, False),
+        ([clean], 0, True),
+        ([bad], 2, False),
+        ([clean], 0, False),  # two of those before are in it
+        ([clean], 0, True),
+    ):
+        for word in words:
+            monitor.take(*looked_at([[0] * 6] * 3, word), 5.0)
+        assert monitor.is_value_valid(rest) is is_valid
+    monitor.take(*looked_at([[0] * 6] * 3, bad), 5.0)
+    monitor.clear()
+    assert monitor.is_value_valid()
+
+
 def test_notices_are_those_of_the_newest_record() -> None:
-    monitor = LoadMonitor(AXIA, alarm=1.0)
-    monitor.take(batch([[0] * 6] * 2, [0, 0x10010000]), 5.0)
+    monitor = LoadMonitor(AXIA.status, alarm=1.0)
+    monitor.take(*looked_at([[0] * 6] * 2, [0, 0x10010000]), 5.0)
     assert monitor.notices == ("simulated error", "monitor condition latched")
-    monitor.take(batch([[0] * 6], [0]), 5.0)
+    monitor.take(*looked_at([[0] * 6], [0]), 5.0)
     assert monitor.notices == ()
     assert monitor.error(5.0) == ""
 
 
 def test_an_overload_names_the_axis() -> None:
-    monitor = LoadMonitor(NETBOX, alarm=0.8)
-    monitor.take(batch([[1000] * 6]), 5.0)
+    monitor = LoadMonitor(NETBOX.status, alarm=0.8)
+    monitor.take(*looked_at([[1000] * 6]), 5.0)
     assert monitor.overload(5.0) == "", "what it is rated for is not known"
     monitor.set_rated(vector([100, 100, 200, 10, 10, 10]))
-    monitor.take(batch([[0, 0, -100, 0, 0, 0]]), 5.0)
+    monitor.take(*looked_at([[0, 0, -100, 0, 0, 0]]), 5.0)
     assert monitor.overload(5.0) == ""
-    monitor.take(batch([[0, 0, -180, 0, 7, 0]]), 5.0)
+    monitor.take(*looked_at([[0, 0, -180, 0, 7, 0]]), 5.0)
     assert monitor.overload(5.1) == "Fz bears 90% of its rated load"
     assert monitor.overload(5.0 + LATCH) == ""
     assert monitor.peak == pytest.approx(0.9)
@@ -172,6 +208,20 @@ def test_the_filter_follows_the_rate_of_the_records() -> None:
     assert isinstance(low._filter, LowPass)
     low.take(batch([[1] * 6] * 10), 50.0)
     assert isinstance(low._filter, Mean), "a cut-off above half the rate cannot be"
+
+
+def test_stamps_go_on_though_two_clocks_seem_to_differ_by_less() -> None:
+    """Records that come together are stamped near each other: nearer than the two clocks can be read."""
+    pipeline = Pipeline(100.0, None, np.eye(6))
+    ahead = iter([0, -60_000, -90_000, 10_000, -5_000_000_000])  # ns
+    pipeline._wall_clock = WallClock(lambda: 0, lambda: next(ahead))
+    seen: list[np.ndarray] = []
+    pipeline.add_listener(seen.append)
+    for first in (1, 3, 5, 7, 9):
+        pipeline.take(batch([[0] * 6] * 2, first=first, rate=100_000.0), 1000.0)
+    steps = np.diff(np.concatenate(seen)["stamp"])
+    assert (steps[:7] > 0).all()
+    assert steps[7] == pytest.approx(-5e9, rel=1e-3), "that clock was set"
 
 
 def test_blocks_hold_everything_at_the_full_rate() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crtk_driver_ati_netft import recording
 from crtk_driver_ati_netft.blocks import MEASUREMENT, Block, BlockRing
 from crtk_driver_ati_netft.recording import (
     RECORD,
@@ -116,6 +118,31 @@ def test_it_goes_on_after_the_device_was_closed_and_opened(ring, path) -> None:
     recorder.start()
     ring.add(block(10, 11))
     recorder.stop()
+    recorder.stop()
+    assert bits(read_recording(path).data) == bits(block(20))
+
+
+def test_on_a_disk_that_holds_it_up_one_writes_after_the_other(ring, path, monkeypatch) -> None:
+    begun, goes_on = threading.Event(), threading.Event()
+
+    def slow(*given):
+        begun.set()
+        goes_on.wait(LONG)
+        return encode_block(*given)
+
+    monkeypatch.setattr(recording, "encode_block", slow)
+    monkeypatch.setattr(recording, "PATIENCE", 0.01)
+    recorder = Recorder(path, ring.reader(), HEADER)
+    recorder.start()
+    ring.add(block(10))
+    assert begun.wait(LONG)
+    recorder.stop()
+    recorder.start()
+    ring.add(block(10, 11))
+    goes_on.set()
+    name = f"record {path.name}"
+    eventually(lambda: [t.name for t in threading.enumerate()].count(name) == 1, "the first ends")
+    eventually(lambda: recorder.written == 20, "written")
     recorder.stop()
     assert bits(read_recording(path).data) == bits(block(20))
 

@@ -14,7 +14,7 @@ from crtk_driver_ati_netft.profiles import (
     detect,
     reachable_rate,
 )
-from crtk_driver_ati_netft.status import Meaning, combined
+from crtk_drivers.kit.sensing.status_words import Meaning, combined
 
 OK, NOTICE, SATURATED, ERROR = "ok", "notice", "saturated", "error"
 

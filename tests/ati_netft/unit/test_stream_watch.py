@@ -26,7 +26,7 @@ class Story:
             if self.ours and self.there and not self.held_up:
                 self.taken += self.watch.heard(self.now, self.new_series)
                 self.new_series = False
-            if self.watch.due(self.now):
+            if self.watch.due(self.now, self.now):
                 self.asked.append(round(self.now - 100.0, 6))
                 self.new_series = self.there and not self.held_up
                 self.ours = self.ours if self.held_up else self.there

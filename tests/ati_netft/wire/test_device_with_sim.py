@@ -28,8 +28,9 @@ from rigs.netft_bench import (
     eventually,
     netft_bench,
 )
+from rigs.programs import COMMAND
+from rigs.warm_start import Process, server
 
-MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
 LOAD = [1.0, -2.0, 3.0, 0.1, -0.2, 0.3]
 LOAD_TEXT = "constant:1,-2,3,0.1,-0.2,0.3"
 
@@ -165,8 +166,8 @@ def test_a_latched_monitor_condition_is_told_and_cleared(box) -> None:
     with driver_at(box) as bench:
         cgi(box, "moncon.cgi?setmce=1&mce0=1&mcx0=2&mcc0=1&mcv0=2000000&mco0=4")
         try:
-            eventually(lambda: bench.note("notice"), "told")
-            assert "monitor condition" in bench.note("notice")[1]
+            _, told = eventually(lambda: bench.note("notice"), "told")
+            assert "monitor condition" in told
             cgi(box, "moncon.cgi?mce0=0")
             bench.front.clear_latch()
             eventually(lambda: bench.note("notice") is None, "cleared")
@@ -231,9 +232,8 @@ def test_configure_writes_and_prints(box, capsys) -> None:
     cgi(box, "comm.cgi?comrdtrate=1000")
 
 
-def run(*arguments: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", MAIN, *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+def run(*arguments: str) -> Process:
+    return server().start_text(COMMAND, *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 def test_info_at_a_simulator_from_the_command_line() -> None:

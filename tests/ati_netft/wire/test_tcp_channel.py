@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import threading
 import time
@@ -11,11 +13,14 @@ from typing import Any
 
 import pytest
 
+from crtk_driver_ati_netft import tools
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.profiles import Action
+from crtk_driver_ati_netft.recording import read_recording
 from crtk_driver_ati_netft.tcp49151 import TcpChannel
 from crtk_driver_ati_netft.tcp_stream import TcpStream
+from crtk_driver_ati_netft.tools import RecordOptions
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_drivers.samples import Wrench
@@ -147,23 +152,63 @@ def test_bias_and_latch_go_with_the_next_measurement() -> None:
             stream.request(Action.UNBIAS)
 
 
+def test_a_bias_that_is_asked_for_while_an_answer_is_awaited_goes_with_the_next_question() -> None:
+    held, release = threading.Event(), threading.Event()
+    release.set()
+
+    def slow(request: bytes) -> list[bytes]:
+        if request[0] == 0:
+            held.set()
+            release.wait(10.0)
+        return normal(request)
+
+    with sensor(slow) as (port, requests):
+        stream = TcpStream("127.0.0.1", port)
+        stream.open(soon())
+        try:
+            stream.receive(soon())
+            held.clear()
+            release.clear()
+            assert stream.receive(soon(0.05)) is None
+            assert held.wait(10.0)
+            stream.request(Action.BIAS)
+            release.set()
+            assert stream.receive(soon()) is not None
+            assert stream.receive(soon()) is not None
+            assert stream.receive(soon()) is not None
+        finally:
+            stream.close()
+        assert [request[-1] for request in requests] == [0, 0, 0, 1, 0]
+
+
+def test_a_bias_that_was_asked_for_is_not_set_by_the_next_connection() -> None:
+    with sensor() as (port, requests):
+        stream = TcpStream("127.0.0.1", port)
+        for _ in range(2):
+            stream.open(soon())
+            stream.request(Action.BIAS)
+            stream.request(Action.CLEAR_LATCH)
+            stream.close()
+        assert [request[-1] for request in requests] == [0] * 4
+
+
 @pytest.mark.parametrize(
-    ("answer", "error", "message"),
+    ("answer", "within", "error", "message"),
     [
-        (lambda r: [], ConnectionFailed, "no answer in time"),
-        (lambda r: [b""], ConnectionLost, "closed the connection"),
-        (lambda r: [b"\x00" * 24], ProtocolError, "header"),
-        (lambda r: [SCALE] if r[0] else [], ConnectionFailed, "no measurement"),
-        (lambda r: [SCALE] if r[0] else [b"\xff" * 16], ProtocolError, "header"),
-        (lambda r: [SCALE] if r[0] else [READING[:7], b""], ConnectionLost, "closed"),
+        (lambda r: [], 1.0, ConnectionFailed, "no answer in time"),
+        (lambda r: [b""], 10.0, ConnectionLost, "closed the connection"),
+        (lambda r: [b"\x00" * 24], 10.0, ProtocolError, "header"),
+        (lambda r: [SCALE] if r[0] else [], 1.0, ConnectionFailed, "no measurement"),
+        (lambda r: [SCALE] if r[0] else [b"\xff" * 16], 10.0, ProtocolError, "header"),
+        (lambda r: [SCALE] if r[0] else [READING[:7], b""], 10.0, ConnectionLost, "closed"),
     ],
     ids=["silent", "closes", "not a scale", "no measurement", "not one", "half of one"],
 )
-def test_what_is_no_sensor_is_said_so(answer, error, message) -> None:
+def test_what_is_no_sensor_is_said_so(answer, within, error, message) -> None:
     with sensor(answer) as (port, _):
         stream = TcpStream("127.0.0.1", port)
         with pytest.raises(error, match=message) as caught:
-            stream.open(soon(0.3))
+            stream.open(soon(within))
         assert str(port) in caught.value.where
         assert caught.value.remedy
 
@@ -230,7 +275,7 @@ def device_at(tcp_port: int, **values: Any) -> NetFtDevice:
 def test_a_sensor_without_web_page_and_udp_is_measured_over_tcp(caplog) -> None:
     with sensor() as (port, _):
         device = device_at(port)
-        device.open(soon(2.0))
+        device.open(soon())
         try:
             sample = device.read(soon())
             assert sample is not None
@@ -263,11 +308,38 @@ def test_a_sensor_that_cannot_be_reached_in_any_way_says_what_was_tried() -> Non
     with sensor(lambda request: [b""]) as (port, _):
         device = device_at(port)
         with pytest.raises(ConnectionFailed) as caught:
-            device.open(soon(1.0))
+            device.open(soon())
         assert "netftapi2.xml" in caught.value.message
         assert "over TCP" in caught.value.message
         typed = device_at(port, http=False, scale=SCALE_TYPED)
         with pytest.raises(ConnectionFailed, match=r"RDT port is closed.*over TCP"):
-            typed.open(soon(1.0))
+            typed.open(soon())
         device.close()
         typed.close()
+
+
+def test_a_recording_goes_on_when_a_sensor_that_is_back_says_strange_things_at_first(
+    tmp_path,
+) -> None:
+    scales = [SCALE, b"", b"\x00" * 24, SCALE]
+    readings = 0
+
+    def answer(request: bytes) -> list[bytes]:
+        nonlocal readings
+        if request[0] == 1:
+            return [scales.pop(0) if len(scales) > 1 else SCALE]
+        readings += 1
+        if readings == 20:
+            os.kill(os.getpid(), signal.SIGINT)
+        return [b""] if readings == 6 else [READING]
+
+    with sensor(answer) as (port, _):
+        values = {"transport": "tcp", "http": False, "scale": SCALE_TYPED, "profile": "axia"}
+        out = tmp_path / "load.ftrec"
+        config = load(
+            NetFtConfig,
+            from_values({"host": "127.0.0.1", "tcp_port": port, "rate": 100.0} | values),
+        )
+        assert tools.record(config, RecordOptions(out=str(out), seconds=60.0)) == 0
+    assert len(scales) == 1, "all of them were said"
+    assert len(read_recording(out).data) >= 10

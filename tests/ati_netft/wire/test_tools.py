@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,9 +15,11 @@ import yaml
 
 from crtk_driver_ati_netft import PLUGIN, tools
 from crtk_driver_ati_netft.config import NetFtConfig
+from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import UPWARDS, CalibrateOptions, InfoOptions
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError, ConnectionFailed, DeviceFault
+from crtk_drivers.samples import Sample
 from rigs.netft_peer import Peer
 
 MASS, CENTER = 0.8, np.array([0.01, -0.02, 0.06])
@@ -39,6 +42,7 @@ def config(peer) -> NetFtConfig:
         "profile": "netbox",
         "transport": "udp",
         "scale": {"counts_per_force": 1e6, "counts_per_torque": 1e6},
+        "sample_timeout": 1.0,
     }
     return load(NetFtConfig, from_values(values))
 
@@ -70,6 +74,19 @@ def test_info_tells_load_and_rates(config, peer, capsys) -> None:
     assert "1.5 ± 0 N" in text
     assert "-0.25 ± 0 N·m" in text
     peer.wait_for(0)
+
+
+def test_who_is_held_up_looks_once_more(config, peer, monkeypatch, capsys) -> None:
+    read, held_up = NetFtDevice.read, [1.2 * config.sample_timeout]
+
+    def read_late(device: NetFtDevice, deadline: float) -> Sample | None:
+        if held_up:
+            time.sleep(held_up.pop())
+            return None
+        return read(device, deadline)
+
+    monkeypatch.setattr(NetFtDevice, "read", read_late)
+    assert tools.info(config, InfoOptions(seconds=0.1)) == 0
 
 
 def test_info_leaves_the_stream_alone_when_told_to(config, peer, capsys) -> None:

@@ -18,6 +18,7 @@ from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
 from rigs.canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, until
 from rigs.claimed_values import no_surprise, numbers
+from rigs.examples import examples
 from rigs.extreme_values import IN_REAL_TIME
 
 CHEAP = {
@@ -107,7 +108,7 @@ def at_rest(sim: RunningSim) -> list[float]:
     return found[-1]
 
 
-@settings(max_examples=20, **CHEAP)
+@settings(max_examples=examples(20), **CHEAP)
 @given(claim=claims(IN_CYCLES, sizes=False), node=st.integers(1, 2))
 def test_what_a_drive_claims_while_it_holds_moves_nothing(
     sim: RunningSim, arm: LocalDevice, claim: Claim, node: int
@@ -208,7 +209,7 @@ def _enables(arm: LocalDevice) -> bool:
     return True
 
 
-@settings(max_examples=15, **CHEAP)
+@settings(max_examples=examples(15), **CHEAP)
 @given(claim=claims(AT_SET_UP, sizes=True), node=st.integers(1, 2))
 def test_what_a_drive_claims_when_it_is_set_up_is_refused_or_moves_nothing(
     sim: RunningSim, claim: Claim, node: int

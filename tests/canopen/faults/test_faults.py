@@ -17,19 +17,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crtk_driver_canopen import PLUGIN
+from crtk_driver_canopen import PLUGIN, arm_link
+from crtk_driver_canopen.bus_state import BusLost
+from crtk_driver_canopen.objects import OBJECTS
+from crtk_driver_canopen.sdo import Sdo
 from crtk_drivers.errors import CommandRefused, MotionAborted, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
-from rigs.canopen_arm import PERIOD, arm_on, drives
+from rigs.canopen_arm import LISTENING, PERIOD, arm_on, device_of, drives
 
 SOON = 20.0
 COUNT = 3
 FAR = 2.0
 CYCLES = 6
 """Cycles in which something that moves by itself would have begun to."""
-
-SYNC_TIMEOUT = 0x2010
 
 
 def until(condition, what: str) -> None:
@@ -84,9 +85,10 @@ class Bench:
     def enable(self) -> None:
         until(self.enables, f"it can be enabled: {self.detail()}")
 
-    def start_moving(self):
-        """Start a long move, and return it once all joints move."""
+    def start_moving(self, ratio: float = 0.3):
+        """Start a move that takes longer than any fault to be told, and return it once all joints move."""
         away = -FAR if self.arm.measured_js().position[0] > 0.0 else FAR
+        self.arm.trajectory_j.set_ratio_v(ratio)
         move = self.arm.move_jp([away] * COUNT)
         until(lambda: min(abs(drive["velocity"]) for drive in self.drives()) > 1e4, "it moves")
         return move
@@ -239,7 +241,7 @@ def test_enabling_at_once_after_a_fault_in_motion_cuts_off_no_ramp(bench: Bench)
     before = call("object", **{**deceleration, "node": 1})
     for node in nodes:
         call("object", **{**deceleration, "node": node}, value=400_000)
-    move = bench.start_moving()
+    move = bench.start_moving(0.15)  # from which a ramp takes less than a stop may
     bench.inject("fault", node=2, error="over_current")
     until(lambda: bench.state() == "FAULT", "it is in FAULT")
     with pytest.raises(MotionAborted):
@@ -361,10 +363,8 @@ def test_cycles_that_the_kernel_began_meanwhile_are_not_caught_up_with() -> None
 
 def test_setting_up_a_drive_again_neither_delays_the_cycle_nor_lets_the_others_go() -> None:
     with drives(COUNT) as sim, bench_of(sim, on_joint_fault="hold") as bench:
-        for node in range(1, COUNT + 1):
-            sim.control.call("object", node=node, index=SYNC_TIMEOUT, sub=1, value=300)
         bench.enable()
-        bench.inject("slow_sdo", node=3, delay=0.01)
+        bench.inject("slow_sdo", node=3, delay=0.01)  # in all, longer than drives wait
         bench.inject("reset", node=3)
         until(lambda: "node 3 has started anew" in bench.detail(), "it says why")
         until(lambda: bench.nmt(3) == "pre_operational", "it has booted")
@@ -494,8 +494,9 @@ def test_homing_begins_after_motion_has_ended_and_its_end_by_disable_stops_it() 
     ],
 )
 def test_a_second_master_refuses_to_start_and_does_not_disturb_the_first(
-    bench: Bench, keys: dict[str, Any], heard: str
+    bench: Bench, keys: dict[str, Any], heard: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(arm_link, "LEAST_LISTENING", LISTENING)
     move = bench.start_moving()
     other = LocalDevice(Session(PLUGIN, arm_on(bench.sim, COUNT, **keys)))
     try:
@@ -520,12 +521,29 @@ def test_the_log_of_frames_goes_on_after_the_bus_was_lost(tmp_path: Path) -> Non
     assert len(starts) >= 2
 
 
+@pytest.mark.slow
+def test_a_job_of_before_a_reconnect_writes_nothing_after_it() -> None:
+    with drives(COUNT) as sim, bench_of(sim) as bench:
+        link = device_of(bench.arm).link
+        before = Sdo(link.master.sdo(1))
+        bench.inject("bus_off", node="native*")
+        until(lambda: bench.state() == "FAULT", "it is in FAULT")
+        bench.sim.control.clear()
+        until(lambda: bench.state() == "DISABLED", "it is back")
+        with pytest.raises(BusLost, match="closed meanwhile"):
+            before.write(OBJECTS["profile_velocity"], 1)
+        assert Sdo(link.master.sdo(1)).read(OBJECTS["profile_velocity"]) != 1
+
+
 # ---------------------------------------------------------------------------- the process of the driver
 
 PROGRAM = """
 import contextlib, json, sys, time
 values = json.loads(sys.argv[1])
 from crtk_driver_canopen import PLUGIN
+from crtk_driver_canopen.bus_state import BusLost
+from crtk_driver_canopen.objects import OBJECTS
+from crtk_driver_canopen.sdo import Sdo
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session

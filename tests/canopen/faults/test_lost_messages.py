@@ -60,6 +60,7 @@ class Bench:
             arm = self._arm.enter_context(arm_of(arm_on(self.sim, COUNT, on_close=on_close)))
             self._connected = on_close, arm
         arm = self._connected[1]
+        until(lambda: arm.engine.transition_ended, "it is disabled")
         arm.enable(SOON)
         return arm
 
@@ -90,6 +91,10 @@ class Bench:
 
     def stands(self) -> bool:
         return all(abs(drive["velocity"]) < 1.0 for drive in self.drives())
+
+    def has_stopped(self, arm: LocalDevice) -> bool:
+        """Whether nothing waits to be followed, a stop has been read back, and all stand, in this order."""
+        return arm.engine.is_at_rest and device_of(arm).has_stopped and self.stands()
 
 
 @contextmanager
@@ -136,7 +141,7 @@ def test_one_message_on_the_way_to_a_stop_does_not_keep_it(
         bench.moves(arm, command)
         with one_message(bench.sim, MESSAGES[message], happens):
             stop(arm)
-            until(lambda arm=arm: bench.stands() and device_of(arm).has_stopped, f"{happens}")  # type: ignore[misc]
+            until(lambda arm=arm: bench.has_stopped(arm), f"{happens}")  # type: ignore[misc]
         before = bench.revolutions()
         time.sleep(AFTERWARDS)
         np.testing.assert_allclose(bench.revolutions(), before, atol=0.1, err_msg=str(happens))
@@ -158,4 +163,4 @@ def test_one_message_on_the_way_of_close_does_not_keep_the_joints_from_a_stop(
         time.sleep(TIMEOUT + 2 * AFTERWARDS)  # longer than the drives wait for anything
         np.testing.assert_allclose(bench.revolutions(), before, atol=0.1, err_msg=str(happens))
         if on_close == "power_off":
-            assert not any(drive["powered"] for drive in bench.drives())
+            until(lambda: not any(drive["powered"] for drive in bench.drives()), "no power is left")

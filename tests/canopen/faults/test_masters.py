@@ -11,12 +11,13 @@ from contextlib import contextmanager
 import can
 import pytest
 
-from crtk_driver_canopen import PLUGIN
+from crtk_driver_canopen import PLUGIN, arm_link
 from crtk_drivers.errors import CommandRefused, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import SOON, arm_of, arm_on, drives, until
+from rigs.beside import beside
+from rigs.canopen_arm import LISTENING, SOON, arm_of, arm_on, drives, until
 
 COUNT = 2
 
@@ -75,19 +76,13 @@ def powered(sim: RunningSim) -> list[bool]:
 @contextmanager
 def repeated(bus: can.BusABC, cob_id: int, data: str) -> Iterator[None]:
     """The frame comes again and again."""
-    over = threading.Event()
 
-    def run() -> None:
+    def run(over: threading.Event) -> None:
         while not over.wait(0.02):
             send(bus, cob_id, data)
 
-    thread = threading.Thread(target=run)
-    thread.start()
-    try:
+    with beside(run):
         yield
-    finally:
-        over.set()
-        thread.join()
 
 
 # --------------------------------------------------------------------------------------- another master
@@ -118,7 +113,10 @@ def test_who_else_is_on_the_bus_is_told(arm: LocalDevice, other: can.BusABC) -> 
     faults(arm, "SYNC that is not ours; also heard: node 126 (operational)")
 
 
-def test_a_driver_refuses_a_bus_on_which_somebody_sends_sync(other: can.BusABC) -> None:
+def test_a_driver_refuses_a_bus_on_which_somebody_sends_sync(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(arm_link, "LEAST_LISTENING", LISTENING)
     with drives(1) as sim, can.Bus(interface="crtk", channel=sim.paths["crtk"]) as bus:
         arm = LocalDevice(Session(PLUGIN, arm_on(sim, 1)))
         try:
@@ -136,9 +134,10 @@ def test_a_driver_refuses_a_bus_on_which_somebody_sends_sync(other: can.BusABC) 
 
 SECOND = """
 import sys, time
-from crtk_driver_canopen import PLUGIN
+from crtk_driver_canopen import PLUGIN, arm_link
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
+arm_link.LEAST_LISTENING = float(sys.argv[2])
 arm = LocalDevice(Session(PLUGIN, PLUGIN.load_config(__import__("json").loads(sys.argv[1]), {})))
 arm._session.start()
 while (status := arm.operating_state()).connecting or not status.detail:
@@ -153,7 +152,8 @@ def test_a_second_process_for_other_drives_is_refused_and_the_arm_goes_on(
 ) -> None:
     config = arm_on(sim, 1, {"node": COUNT + 1}, master_node=126)
     move = arm.move_jp(arm.setpoint_js().position + 0.2)
-    program = [sys.executable, "-c", SECOND, config.model_dump_json(exclude_unset=True)]
+    values = config.model_dump_json(exclude_unset=True)
+    program = [sys.executable, "-c", SECOND, values, str(LISTENING)]
     told = subprocess.run(program, check=True, capture_output=True, text=True, timeout=60.0).stdout
     assert "another master is on this bus: it sends SYNC that is not ours" in told
     move.wait(SOON)

@@ -281,8 +281,12 @@ def test_a_silent_node_is_named_in_time_and_closing_does_not_wait_for_it(timeout
         arm = LocalDevice(Session(PLUGIN, arm_on(sim, 1, sdo_timeout=timeout, open_timeout=3.0)))
         try:
             arm._session.start()
-            until(lambda: "node 1" in arm.operating_state().detail, "it is named")
-            assert "no answer" in arm.operating_state().detail
+
+            def is_named() -> bool:
+                detail = arm.operating_state().detail
+                return "node 1" in detail and "no answer" in detail
+
+            until(is_named, "it is named")
             until(lambda: sim.control.status()["drives"]["1"]["nmt"] == "pre_operational", "again")
         finally:
             arm.close()

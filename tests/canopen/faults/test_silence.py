@@ -12,17 +12,36 @@ import numpy as np
 import pytest
 from typing_extensions import override
 
+from crtk_driver_canopen.device import LOST_TIME
 from crtk_drivers.engine import Observer
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import Status
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import JOINT, PERIOD, SOON, arm_of, arm_on, drives, until
+from rigs.canopen_arm import (
+    JOINT,
+    PERIOD,
+    SOON,
+    arm_of,
+    arm_on,
+    device_of,
+    drives,
+    until,
+    wait_for_sync,
+)
 
 COUNT = 2
 SPEED = 0.5
-"""Of the stream, rad/s: in the time until FAULT it goes 0.1 rad."""
+"""Of the stream, rad/s: in the time until FAULT it goes 0.25 rad."""
+WAITS = 2.0
+"""Seconds that drives wait for us: longer than they are silent."""
+PATIENT: dict[str, Any] = {
+    "missed_cycles": 100,
+    "heartbeat": {"ours_timeout": WAITS, "drives_timeout": WAITS},
+}
+SILENT = 0.6
+"""Seconds: whoever is held up meanwhile misses them, and does not give them up."""
 STEPS = 0.02
 """rad that a joint may still go to the last targets that it was sent, and by its own overshoot."""
 
@@ -41,6 +60,15 @@ class WhenFault(Observer):
             self.before = joints(self.sim)
             self.sim.control.clear(self.kind)
             self.done.set()
+
+
+@contextmanager
+def patient_drives() -> Iterator[RunningSim]:
+    """Drives that wait for SYNC, too."""
+    with drives(COUNT) as sim:
+        for node in range(1, COUNT + 1):
+            wait_for_sync(sim, node, WAITS)
+        yield sim
 
 
 def told(sim: RunningSim, name: str) -> np.ndarray:
@@ -89,7 +117,8 @@ def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]
 def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
     command: str, which: dict[str, Any]
 ) -> None:
-    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT)) as arm:
+    config = {**PATIENT, "missed_cycles": 50}
+    with patient_drives() as sim, arm_of(arm_on(sim, COUNT, **config)) as arm:
         arm.enable(SOON)
         again = WhenFault(sim, "silent")
         with streaming(sim, command, arm):
@@ -98,7 +127,8 @@ def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
             until(again.done.is_set, "it is in FAULT")
             assert again.before is not None
             silent = slice(0, 1) if which else slice(None)
-            far, end = 0.0, time.monotonic() + 0.7  # longer than drives wait for our heartbeat
+            far = 0.0
+            end = time.monotonic() + WAITS + 0.2
             while time.monotonic() < end:
                 far = max(far, np.abs(joints(sim) - again.before)[silent].max())
             assert far < STEPS
@@ -109,25 +139,32 @@ def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
 def test_a_drive_that_is_heard_again_before_fault_catches_up_within_its_limits(
     command: str,
 ) -> None:
-    limits: dict[str, Any] = {"velocity": 0.8, "following_error": 0.4, "drive_limits": "keep"}
-    patient: dict[str, Any] = {
-        "missed_cycles": 100,
-        "heartbeat": {"ours_timeout": 2.0, "drives_timeout": 2.0},
-    }
-    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, limits, **patient)) as arm:
+    limits: dict[str, Any] = {"velocity": 1.0, "drive_limits": "keep"}
+    with patient_drives() as sim, arm_of(arm_on(sim, COUNT, limits, **PATIENT)) as arm:
         arm.enable(SOON)
+        link = device_of(arm).link
         with streaming(sim, command, arm):
-            sim.control.inject("silent", node=1)
-            time.sleep(0.4)
-            sim.control.clear("silent")
-            looks: list[tuple[float, float]] = []
-            while not looks or looks[-1][0] < looks[0][0] + 1.5:
-                looks.append((time.monotonic(), joints(sim)[0]))
+            sim.control.inject("silent", node=1, duration=SILENT)
+            until(lambda: link.cycle.ages[0] * PERIOD > LOST_TIME, "it is silent")
+            looks: list[tuple[float, float, float]] = []  # before, where, after
+            while not looks or looks[-1][0] < looks[0][0] + SILENT + 1.5:
+                before = time.monotonic()
+                looks.append((before, joints(sim)[0], time.monotonic()))
             # Over so long that a busy machine does not count.
             later = [next((n for n in looks if n[0] > look[0] + 0.1), None) for look in looks]
             pairs = [(a, b) for a, b in zip(looks, later, strict=True) if b is not None]
-            fastest = max((there - here) / (end - at) for (at, here), (end, there) in pairs)
+            fastest = max((end[1] - begin[1]) / (end[2] - begin[0]) for begin, end in pairs)
             assert fastest < 1.5 * limits["velocity"]
             assert arm.operating_state().state == "ENABLED", arm.operating_state().detail
-            here = joints(sim)
-            assert abs(here[0] - here[1]) < 0.05
+            until(lambda: np.ptp(joints(sim)) < 0.05, "it has caught up")
+
+
+def test_drives_that_are_all_silent_are_lost_no_sooner_than_is_configured() -> None:
+    with patient_drives() as sim, arm_of(arm_on(sim, COUNT, **PATIENT)) as arm:
+        arm.enable(SOON)
+        link = device_of(arm).link
+        sim.control.inject("silent", duration=SILENT)
+        until(lambda: link.age * PERIOD > LOST_TIME, "they are silent")
+        until(lambda: not link.age, "they are heard again")
+        assert arm.operating_state().state == "ENABLED", arm.operating_state().detail
+        assert not arm.health().reconnects

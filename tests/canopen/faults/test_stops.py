@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 import pytest
 
+from crtk_drivers.engine import threads
 from crtk_drivers.errors import CommandRefused, StopUnconfirmed
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import PERIOD, SOON, TIMEOUT, arm_of, arm_on, device_of, drives, until
+from rigs.beside import beside
+from rigs.canopen_arm import (
+    PERIOD,
+    SOON,
+    TIMEOUT,
+    arm_of,
+    arm_on,
+    device_of,
+    drives,
+    patient_arm_on,
+    until,
+    wait_for_sync,
+)
 
 COUNT = 2
 MOVING = 1e4
@@ -39,6 +52,20 @@ def moves(sim: RunningSim, command: str, arm: LocalDevice) -> Callable[[], bool]
         return min(abs(drive["velocity"]) for drive in told(sim)) > MOVING
 
     return sent
+
+
+@contextmanager
+def going_on(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]:
+    """Have all joints move, and the stream go on until the end."""
+    sending = moves(sim, command, arm)
+    until(sending, "it moves")
+
+    def send(over: threading.Event) -> None:
+        while not over.wait(PERIOD):
+            sending()
+
+    with beside(send):
+        yield
 
 
 def stand(sim: RunningSim) -> bool:
@@ -66,7 +93,7 @@ def in_its_thread(arm: LocalDevice, action: Callable[[], None]) -> None:
 
 
 def test_no_move_begins_after_a_pause_that_came_while_it_was_being_enabled() -> None:
-    with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT)) as arm:
+    with drives(COUNT) as sim, arm_of(patient_arm_on(sim, COUNT)) as arm:
         engine = arm.engine
         engine.state_command("enable")
         move = arm.move_jp([0.5] * COUNT)
@@ -132,12 +159,14 @@ def test_drives_that_are_found_in_motion_are_stopped_before_their_power_is_taken
         call = sim.control.call
         with arm_of(arm_on(sim, COUNT)) as arm:
             arm.enable(SOON)
-            until(moves(sim, "servo_jv", arm), "it moves")
             for node in range(1, COUNT + 1):  # nothing stops them when we are gone
                 call("object", node=node, index=0x6007, value=0)
                 call("object", node=node, index=0x1029, sub=1, value=1)
                 call("object", node=node, index=0x2010, sub=1, value=0)
-            in_its_thread(arm, lambda: device_of(arm).link.link.close())
+            with going_on(sim, "servo_jv", arm):
+                fast = 20 * MOVING  # so that they move, whatever counts as that
+                until(lambda: min(drive["velocity"] for drive in told(sim)) > fast, "it is fast")
+                in_its_thread(arm, lambda: device_of(arm).link.link.close())
             until(lambda: "had power" in arm.operating_state().detail, "it says so")
             assert "joint_1 (node 1) had power and moved" in arm.operating_state().detail
         assert powered(sim) == [False] * COUNT
@@ -176,7 +205,7 @@ def test_a_drive_that_gets_no_pdos_any_more_is_stopped_by_another_way(
         if not watches:
             for sub in range(4):
                 sim.control.inject("sdo_abort", node=2, index=0x1400 + sub, sub=5, code=0x06090011)
-        with arm_of(arm_on(sim, COUNT)) as arm:
+        with arm_of(arm_on(sim, COUNT, {"following_error": 0.2})) as arm:
             arm.enable(SOON)
             if command == "move_jp":
                 arm.move_jp([2.0] * COUNT)
@@ -197,7 +226,7 @@ def test_a_drive_that_gets_no_pdos_any_more_is_stopped_by_another_way(
                 else ["joint_2 (node 2): it still shows"]
             )
             assert any(reason in arm.operating_state().detail for reason in reasons)
-            until(lambda: stand(sim) and device_of(arm).has_stopped, "all stand")
+            until(lambda: device_of(arm).has_stopped and stand(sim), "all stand")
             sim.control.clear("drop")
             before = [drive["revolutions"] for drive in told(sim)]
             time.sleep(20 * PERIOD)
@@ -255,12 +284,15 @@ def test_torques_end_with_the_first_sync_after_a_stop() -> None:
 
 
 @pytest.mark.parametrize("command", ["move_jp", "servo_jv", "servo_jf"])
-def test_a_stuck_io_thread_does_not_keep_the_drives_from_being_stopped(command: str) -> None:
+def test_a_stuck_io_thread_does_not_keep_the_drives_from_being_stopped(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Only the watchdog's own write can stop them here: no heartbeat, no SYNC, no RPDO is watched."""
+    monkeypatch.setattr(threads, "STALL_LIMIT", 1.5)
     keys = {"heartbeat": {"ours": 0.0, "ours_timeout": 0.0, "drives_timeout": 0.5}}
     with drives(COUNT) as sim:
         for node in range(1, COUNT + 1):
-            sim.control.call("object", node=node, index=0x2010, sub=1, value=0)
+            wait_for_sync(sim, node, 0.0)
         go_on = threading.Event()
         with arm_of(arm_on(sim, COUNT, **keys)) as arm:
             arm.enable(SOON)

@@ -32,7 +32,7 @@ def test_published_sheet_is_the_one_of_the_dictionary():
 
 
 def test_every_object_is_there_with_type_access_default_and_limits(sheet):
-    objects = drive_objects(DriveConfig(serial=0), NODE)
+    objects, _ = drive_objects(DriveConfig(serial=0), NODE)
     assert set(sheet.indices) - set(range(1, 8)) == {entry.index for entry in objects}
     for entry in objects:
         read = variables(sheet, entry.index, entry)

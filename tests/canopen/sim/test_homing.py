@@ -73,6 +73,7 @@ def test_supported_methods_are_those_that_can_be_chosen():
         assert bool(refused) == (method not in METHODS)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("method", sorted(HOME))
 @pytest.mark.parametrize("start", STARTS)
 def test_method(method, start):
@@ -169,3 +170,17 @@ def test_method_is_repeatable():
         homes.append(home_position(bench))
         bench.control(0x0F)
     assert max(homes) - min(homes) < 1e-6
+
+
+@pytest.mark.parametrize("way", [0, -600, -1500])
+def test_an_epos4_goes_on_after_homing_and_counts_its_home_position_there(way):
+    bench = Bench(MotorConfig(**MOTOR, start=1.0), personality=PERSONALITIES["epos4"])
+    bench.write(0x6098, 0, 18, "b")
+    bench.write(0x30B0, 0, 700, "i")
+    bench.write(0x30B1, 0, way, "i")
+    bench.enable(HM)
+    bench.run(0.05)
+    bench.control(0x1F)
+    bench.until(lambda: bits(bench) == (0, 1, 1))
+    assert bench.axis.position == pytest.approx(700, abs=5)
+    assert bench.axis.revolutions == pytest.approx(2.25 + way / 2000, abs=5e-3)

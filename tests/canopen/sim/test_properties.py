@@ -9,6 +9,7 @@ from crtk_sim_backends.canopen.drive import Drive, DriveConfig
 from crtk_sim_backends.canopen.machine import State
 from crtk_sim_backends.canopen.plant import MotorConfig
 from rigs.canopen_drive import Bench
+from rigs.examples import examples
 
 NODE = 7
 INDICES = sorted(Drive(NODE).dictionary.objects)
@@ -72,7 +73,7 @@ def check_legal(drive, identifier, data):
         assert len(data) == tpdos[identifier]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.lists(st.tuples(frame, st.floats(0, 0.02)), max_size=60), st.sampled_from((1, 2)))
 def test_survives_anything(frames, axes):
     drive = Drive(NODE, DriveConfig(motors=(MotorConfig(pendulum=0.1, brake=False),) * axes))
@@ -103,7 +104,7 @@ def test_survives_anything(frames, axes):
 LAYOUTS = {1: "Bb", 2: "Hh", 4: "Ii"}
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.data())
 def test_what_was_written_is_read_and_nothing_else_has_changed(data):
     bench = Bench()
@@ -126,7 +127,7 @@ def test_what_was_written_is_read_and_nothing_else_has_changed(data):
     }
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(
     st.binary(min_size=1, max_size=600),
     st.integers(1, 127),

@@ -232,6 +232,24 @@ def test_a_group_is_converted_at_once() -> None:
         units.position_counts(np.array([0.0, math.nan]))
 
 
+def test_velocities_and_efforts_are_never_rounded_up() -> None:
+    """A limit of 0.16 rad/s is 1.53 turns a minute: 2 would be beyond it, either way round."""
+    rpm = TURN / 60.0
+    units = GroupUnits(
+        {"a": JointUnits(1e-4, 0.0, rpm, 0.1), "b": JointUnits(1e-4, 0.0, -rpm, 0.1)}
+    )
+    assert units.velocity_counts(np.array([0.16, 0.16])) == [1, -1]
+    assert units.velocity_counts(np.array([-0.16, -0.16])) == [-1, 1]
+    assert units.effort_counts(np.array([0.16, -0.16])) == [1, -1]
+    exact = [float(3 * rpm), float(-7 * rpm)]
+    assert units.velocity_counts(np.array(exact)) == [3, 7]
+
+
+@given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=2, max_size=2))
+def test_velocities_come_back_as_the_same_counts(counts: list[int]) -> None:
+    assert group().velocity_counts(group().velocities(counts)) == counts
+
+
 @given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=2, max_size=2))
 def test_positions_come_back_as_the_same_counts(counts: list[int]) -> None:
     assert group().position_counts(group().positions(counts)) == counts

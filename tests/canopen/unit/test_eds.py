@@ -218,6 +218,14 @@ def test_whatever_is_left_out_it_loads_or_is_refused(without: set[int], length: 
     assert import_eds(io.StringIO(mended), 3) is not None
 
 
+def test_a_file_of_many_objects() -> None:
+    """It took minutes when each object looked through all sections."""
+    numbers = range(0x2000, 0x2000 + 40_000)
+    text = "".join(f"[{number:04X}]\nParameterName=p\nDataType=7\n" for number in numbers)
+    sections, _ = eds.repair(text, "many.eds")
+    assert sections.count("[") == 40_001
+
+
 def test_the_published_eds_of_the_simulated_drives() -> None:
     import crtk_sim_backends.canopen
 

@@ -34,6 +34,13 @@ def test_those_of_the_kernel_are_ours_however_late_they_are_read(bus: CanLink) -
     assert extra(bus, [*stalled, *((6.0 + PERIOD * n, True) for n in range(1000))]) == 0
 
 
+def test_those_are_that_come_while_the_first_of_them_was_awaited(bus: CanLink) -> None:
+    """Who was held up as he waited does not see that others lie behind it."""
+    in_time = [(PERIOD * n, True) for n in range(501)]
+    late = [(5.3, True), *[(5.3, False)] * 29]
+    assert extra(bus, [*in_time, *late, *((5.3 + PERIOD * n, True) for n in range(1, 1000))]) == 0
+
+
 def test_twice_as_many_are_not(bus: CanLink) -> None:
     assert extra(bus, [(PERIOD * n / 2, True) for n in range(200)]) >= 95
 

@@ -10,7 +10,7 @@ from crtk_driver_canopen import PLUGIN  # noqa: E402
 from crtk_drivers.session import Session  # noqa: E402
 from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
 from crtk_sim_backends.process import RunningSim  # noqa: E402
-from rigs.canopen_arm import arm_on, drives  # noqa: E402
+from rigs.canopen_arm import drives, patient_arm_on  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ class TestCanopenContract(DeviceContract):
     def session(self, sim: RunningSim) -> Session:
         sim.control.clear()
         self.sim = sim
-        return Session(PLUGIN, arm_on(sim, 3))
+        return Session(PLUGIN, patient_arm_on(sim, 3))
 
     def break_link(self, session: Session) -> None:
         self.sim.control.inject("down")

@@ -11,7 +11,7 @@ from crtk_driver_canopen import PLUGIN
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import JOINT, SOON, arm_of, arm_on, drives, until
+from rigs.canopen_arm import JOINT, SOON, arm_of, drives, patient_arm_on, until
 
 RPDO_5, TPDO_5, TPDO_6 = 0x1404, 0x1804, 0x1805
 
@@ -24,7 +24,7 @@ def axes_of_one_node(**last: Any) -> dict[str, Any]:
 
 
 def moves(sim: RunningSim, **last: Any) -> None:
-    config = arm_on(sim, 1, joints=axes_of_one_node(**last))
+    config = patient_arm_on(sim, 1, joints=axes_of_one_node(**last))
     with arm_of(config) as arm:
         arm.enable(SOON)
         goal = arm.setpoint_js().position + np.array((0.02, 0.03, 0.04))
@@ -64,7 +64,7 @@ def test_cob_ids_of_a_drive_that_cannot_be_used_are_refused_with_the_reason(
 ) -> None:
     for index, value in ((TPDO_5, cob_id), (TPDO_6, 0x8000_06A2)):
         sim.control.call("object", node=1, index=index, sub=1, value=value)
-    config = arm_on(sim, 1, joints=axes_of_one_node(tpdo_cob_ids="drive"))
+    config = patient_arm_on(sim, 1, joints=axes_of_one_node(tpdo_cob_ids="drive"))
     arm = LocalDevice(Session(PLUGIN, config))
     try:
         arm._session.start()

@@ -11,7 +11,7 @@ import pytest
 
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import SOON, arm_of, arm_on, drives, stream, until
+from rigs.canopen_arm import SOON, arm_of, drives, patient_arm_on, until
 
 SHEETS = Path(__file__).parents[2] / "data" / "eds"
 TURN = 2.0 * np.pi
@@ -38,6 +38,7 @@ def joint(node: int, **keys: Any) -> dict[str, Any]:
         "acceleration": 10.0,
         "rated_torque": 1.0,
         "effort": 0.0,
+        "following_error": 1.0,
         **keys,
     }
 
@@ -59,11 +60,19 @@ def moves(sim: RunningSim, arm: LocalDevice, nodes: tuple[int, ...]) -> None:
 
 def test_drives_with_cyclic_modes_move_by_positions_and_velocities(sim: RunningSim) -> None:
     cyclic = {"modes": ("csp", "csv")}
-    config = arm_on(sim, 0, joints={"servo": joint(1, **cyclic), "generic": joint(2, **cyclic)})
+    config = patient_arm_on(
+        sim, 0, joints={"servo": joint(1, **cyclic), "generic": joint(2, **cyclic)}
+    )
     with arm_of(config) as arm:
         moves(sim, arm, (1, 2))
         start = arm.measured_js().position
-        stream(arm, "servo_jv", [0.3, 0.3], 0.5)
+
+        def is_on_its_way() -> bool:
+            arm.servo_jv([0.3, 0.3])
+            return bool((arm.measured_js().position - start > 0.05).all())
+
+        until(is_on_its_way, "it moves by velocities")
+        until(lambda: arm.engine.is_at_rest, "the stream ends, and none waits")
         until(lambda: np.abs(arm.measured_js().velocity).max() < 1e-2, "it stands")
         moved = arm.measured_js().position - start
         assert ((moved > 0.05) & (moved < 0.5)).all(), moved
@@ -72,12 +81,12 @@ def test_drives_with_cyclic_modes_move_by_positions_and_velocities(sim: RunningS
 
 def test_a_drive_with_few_objects_moves_by_profiles_of_its_own(sim: RunningSim) -> None:
     few = joint(3, modes=("pp",), counts_per_turn=65536.0)
-    with arm_of(arm_on(sim, 0, joints={"stage": few}, feedback=())) as arm:
+    with arm_of(patient_arm_on(sim, 0, joints={"stage": few}, feedback=())) as arm:
         moves(sim, arm, (3,))
 
 
 def test_an_rpm_drive_keeps_the_limits_of_the_joint_in_its_units(sim: RunningSim) -> None:
-    config = arm_on(sim, 0, joints={"servo": joint(1, modes=("pp",))})
+    config = patient_arm_on(sim, 0, joints={"servo": joint(1, modes=("pp",))})
     with arm_of(config):
         rpm = 60.0 * 50.0 / TURN
         assert sim.control.call("object", node=1, index=0x607F) == np.ceil(1.2 * rpm)

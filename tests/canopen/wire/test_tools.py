@@ -25,7 +25,7 @@ def peers() -> Iterator[ScriptedBus]:
 @pytest.fixture
 def config(peers: ScriptedBus) -> CanopenConfig:
     bus = {"interface": "virtual", "channel": peers.channel}
-    return load(CanopenConfig, from_values({"bus": bus, "sdo_timeout": 0.2}))
+    return load(CanopenConfig, from_values({"bus": bus, "sdo_timeout": 10.0}))
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_scan_lists_nodes_with_identity_modes_and_state(
     peers[5].values |= {(0x603F, 0): 0x7305, (0x6041, 0): 0x0218}
     peers[5].types[0x6841, 0] = "H"
     peers[5].values[0x6841, 0] = 0x0237
-    assert tools.scan(config, ScanOptions(seconds=0.5, last=20)) == 0
+    assert tools.scan(config, ScanOptions(seconds=1.0, last=20)) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[1:3]] == ["1", "5"]
     assert "scripted servo drive" in lines[1]

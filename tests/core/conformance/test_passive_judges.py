@@ -301,6 +301,10 @@ def test_a_part_with_a_state_of_its_own_has_its_own_manifest() -> None:
     assert JUDGES["MAN-1"](replace(seen, manifest=MANIFEST)).verdict is Verdict.CONFORMS
     one = another(names[1], JOINT_TYPE)(sound())
     assert JUDGES["MAN-1"](replace(one, manifest=MANIFEST)).verdict is Verdict.DIVERGES
+    follows = {**MANIFEST, "followers": ["gripper", "", 3]}
+    assert JUDGES["MAN-1"](replace(one, manifest=follows)).verdict is Verdict.CONFORMS
+    amiss = {**MANIFEST, "followers": "gripper"}
+    assert JUDGES["MAN-1"](replace(one, manifest=amiss)).verdict is Verdict.DIVERGES
 
 
 def test_evidence_names_the_message() -> None:

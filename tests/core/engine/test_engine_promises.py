@@ -18,6 +18,7 @@ from crtk_drivers.errors import CommandRefused, ConnectionLost, DeviceFault, Sto
 from crtk_drivers.motion.move import Move
 from crtk_drivers.samples import Twist, vector
 from crtk_drivers.state import OperatingState, StateCommand
+from rigs.examples import examples
 from rigs.scripted_engine import LIMIT, PERIOD, Rig, jf, jp, jv, pose, two_joints
 
 number = st.floats(-1.5, 1.5) | st.sampled_from([math.nan, math.inf, 0.0, 0.01, -0.01])
@@ -251,9 +252,13 @@ class VelocitiesOnly(Promises):
 
 
 TestPromises = Promises.TestCase
-TestPromises.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+TestPromises.settings = settings(max_examples=examples(60), stateful_step_count=40, deadline=None)
 
 TestPositionsOnly = PositionsOnly.TestCase
-TestPositionsOnly.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
+TestPositionsOnly.settings = settings(
+    max_examples=examples(30), stateful_step_count=40, deadline=None
+)
 TestVelocitiesOnly = VelocitiesOnly.TestCase
-TestVelocitiesOnly.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
+TestVelocitiesOnly.settings = settings(
+    max_examples=examples(30), stateful_step_count=40, deadline=None
+)

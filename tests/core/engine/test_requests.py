@@ -9,7 +9,7 @@ import pytest
 
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Answer, Input, Note, Service, Severity
-from crtk_drivers.engine.services import Requests
+from crtk_drivers.engine.services import OwnService, Requests
 from crtk_drivers.errors import (
     CommandRefused,
     ConnectionLost,
@@ -24,6 +24,7 @@ from crtk_drivers.samples import Wrench
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+from rigs.waiting import LONG
 
 
 class Scale(LoopbackDevice):
@@ -87,7 +88,7 @@ def arm() -> Iterator[LocalDevice]:
     session = Session(PLUGIN, LoopbackConfig(transition_time=0.0))
     with LocalDevice(session) as arm:
         session.start()
-        arm.measured_js(wait=5.0)
+        arm.measured_js(wait=LONG)
         yield arm
 
 
@@ -116,7 +117,7 @@ def test_a_service_with_a_bug_has_failed_and_the_device_is_in_fault(arm: LocalDe
     arm.enable()
     with pytest.raises(TransitionFailed, match="unexpected ZeroDivisionError: a mean of nothing"):
         arm.stumble()
-    assert arm.wait_for_status(lambda status: status.state is OperatingState.FAULT, 5.0)
+    assert arm.wait_for_status(lambda status: status.state is OperatingState.FAULT, LONG)
     assert arm.tare() == "tared in 3 cycles"
 
 
@@ -127,22 +128,22 @@ def test_one_at_a_time(arm: LocalDevice) -> None:
     with pytest.raises(DataTimeout, match="wait has not ended"):
         waiting.wait(0.01)
     device_of(arm).go.set()
-    assert waiting.wait(5.0) == "waited"
+    assert waiting.wait(LONG) == "waited"
     assert arm.tare() == "tared in 3 cycles"
 
 
 def test_what_takes_too_long_is_ended(arm: LocalDevice, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arm.engine._requests, "_timeout", 0.05)
     with pytest.raises(TransitionFailed, match=r"wait did not end in 0.05 s"):
-        arm.engine.request("wait").wait(5.0)
-    assert device_of(arm).closed.wait(5.0)
+        arm.engine.request("wait").wait(LONG)
+    assert device_of(arm).closed.wait(LONG)
 
 
 def test_a_lost_device_answers_at_once(arm: LocalDevice) -> None:
     waiting = arm.engine.request("wait")
     device_of(arm).reachable = False
     with pytest.raises(ConnectionLost):
-        waiting.wait(5.0)
+        waiting.wait(LONG)
     with pytest.raises(CommandRefused) as refused:
         arm.tare()
     assert refused.value.reason is Reason.NOT_CONNECTED
@@ -166,11 +167,36 @@ def test_what_is_asked_for_while_the_link_is_lost_fails_at_once_and_is_not_carri
         requests.ask("tare")
     assert refused.value.reason is Reason.NOT_CONNECTED
     requests.begin()
-    requests.step(0.0)
+    requests.step(0.0, lambda now: False, list)
     assert not asked
     requests.ask("tare")
-    requests.step(0.0)
+    requests.step(0.0, lambda now: False, list)
     assert asked
+
+
+def test_one_that_moves_begins_when_it_may_however_late_it_was_asked_for() -> None:
+    asked: list[str] = []
+    leave: list[float] = []
+
+    def answer() -> Answer:
+        asked.append("sweep")
+        yield
+        return ""
+
+    def not_yet(now: float) -> bool:
+        leave.append(now)
+        return now > 1.0
+
+    requests = Requests({"sweep": Service("sweep", answer, moves=True)}, "scale", 1.0)
+    requests.begin()
+    requests.step(0.0, not_yet, list)
+    assert not leave
+    requests.ask("sweep")
+    requests.step(1.0, not_yet, list)
+    assert (leave, asked) == ([1.0], [])
+    requests.step(1.5, not_yet, list)
+    requests.step(1.6, not_yet, list)
+    assert (leave, asked) == ([1.0, 1.5], ["sweep"])
 
 
 def test_inputs_are_methods_that_check(arm: LocalDevice) -> None:
@@ -187,3 +213,17 @@ def test_inputs_are_methods_that_check(arm: LocalDevice) -> None:
 
 def test_notes_are_in_the_health(arm: LocalDevice) -> None:
     assert [note.text for note in arm.health().notes] == ["unknown"]
+
+
+def test_a_mistake_in_one_of_the_drivers_own_is_told_to_who_asks(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Raised into what serves it on ROS, it left him without an answer."""
+
+    def stumble() -> str:
+        raise OSError("Stale file handle")
+
+    request = OwnService("stumbles", stumble).carried_out("dump")
+    with pytest.raises(TransitionFailed, match=r"dump: unexpected OSError: Stale file handle"):
+        request.wait(0.0)
+    assert "dump failed" in caplog.text

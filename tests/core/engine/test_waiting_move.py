@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from crtk_drivers.device import Condition, Steps
-from crtk_drivers.engine import EngineOptions
+from crtk_drivers.engine import EngineOptions, intake
 from crtk_drivers.errors import CommandRefused, DeviceFault, MotionAborted, Reason
 from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.options import LimitPolicy
-from crtk_drivers.samples import JointState, Stamp, vector
+from crtk_drivers.samples import JointState, vector
 from crtk_drivers.state import OperatingState
 from rigs.scripted_engine import Rig, SlideAndTurn, jp, jv, pose, two_joints
 
@@ -156,16 +156,15 @@ def test_what_ends_it_while_its_way_is_looked_for_wins(
     solve, asked, go_on = SlideAndTurn.inverse, [], threading.Event()
 
     def slowly(solver: SlideAndTurn, *arguments: Any) -> Any:
-        asked.append(True)
+        asked.append(threading.current_thread())
         assert go_on.wait(10.0)
         return solve(solver, *arguments)
 
     monkeypatch.setattr(SlideAndTurn, "inverse", slowly)
     until(rig, lambda: bool(asked))
-    (thread,) = [t for t in threading.enumerate() if t.name.endswith("waiting move")]
     end(rig)
     go_on.set()
-    thread.join(10.0)
+    asked[0].join(10.0)
     until(rig, lambda: not rig.engine.status.is_busy)
     rig.cycle(20)
     assert rig.written == []
@@ -243,15 +242,16 @@ def test_a_state_command_that_fails_or_is_refused_refuses_it(error: DeviceFault 
     until(rig, lambda: not rig.engine.status.is_busy)
 
 
-def test_it_is_judged_when_it_begins() -> None:
-    options = EngineOptions(limits=LimitPolicy(max_command_age=0.05))
+def test_it_is_judged_when_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    options = EngineOptions(limits=LimitPolicy(max_command_age=0.5))
     rig = Rig(options, two_joints(needs_homing=True)).enabled()
     rig.device.procedures["home"] = lambda: cycles(SLOW)
     rig.command("home")
-    stamp = Stamp.now().wall_ns
+    rig.tells_time_to(intake, monkeypatch)
+    stamp = rig.wall_ns()
     move = rig.engine.submit("move_jp", jp(0.3, 0.0), stamp_ns=stamp)
     assert move is not None
-    time.sleep(0.06)
+    rig.clock.advance(0.51)
     until(rig, lambda: not move.is_busy())
     assert rig.told.refusals[-1].reason is Reason.TOO_OLD
     assert rig.told.refusals[-1].stamp_ns == stamp

@@ -12,6 +12,7 @@ from crtk_drivers.samples import Pose, vector
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from crtk_drivers.wrappers.base_frame import PlacedDevice
+from rigs.waiting import LONG
 
 
 class WithGripper(LoopbackDevice):
@@ -41,7 +42,7 @@ def test_it_has_a_state_and_motion_of_its_own() -> None:
         gripper = arm.gripper
         assert gripper.wait_for_operating_state("DISABLED", 2.0)
         gripper.enable(2.0)
-        gripper.move_jp(vector((0.01, 0.0, 0.0, 0.0))).wait(2.0)
+        gripper.move_jp(vector((0.01, 0.0, 0.0, 0.0))).wait(LONG)
         assert gripper.setpoint_js().position[0] == pytest.approx(0.01)
         assert arm.operating_state().state == "DISABLED"
         assert not arm.measured_js().position.any()

@@ -13,7 +13,7 @@ from crtk_drivers.engine import EngineOptions
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.gates.braking import braking_way, stoppable_speed
 from crtk_drivers.gates.command import LARGEST, CommandCheck
-from crtk_drivers.gates.setpoint import SetpointLimiter
+from crtk_drivers.gates.setpoint import SetpointLimiter, norms_into
 from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import EMPTY, Array, JointState, Pose, Vector, vector
 from rigs.scripted_engine import JOINTS, Rig, SlideAndTurn, jp, jv, two_joints
@@ -90,6 +90,16 @@ def test_cartesian_rates_are_scaled_by_their_norms(
     small = np.linalg.norm(values[:3]) <= first and np.linalg.norm(values[3:]) <= second
     if small:
         assert sent.tolist() == values.tolist()
+
+
+@given(values=six)
+def test_where_torques_are_not_possible_none_is_sent_and_forces_are_limited_alone(
+    values: Vector,
+) -> None:
+    sent = norms_into(values, 10.0, 0.0)
+    assert not sent[3:].any()
+    length = np.linalg.norm(values[:3])
+    assert sent[:3] == pytest.approx(values[:3] * min(1.0, 10.0 / max(length, 1e-9)))
 
 
 @pytest.mark.parametrize("mode", list(Mode))

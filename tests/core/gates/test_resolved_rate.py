@@ -13,6 +13,7 @@ from crtk_drivers.gates.resolved_rate import Damping, ResolvedRate
 from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, quaternion_product
 from crtk_drivers.geometry.rates import turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
+from rigs.examples import examples
 
 CYCLE = 0.002
 LIMIT = JointLimits(-2.0, 2.0, velocity=1.5, acceleration=10.0, jerk=100.0, effort=1.0)
@@ -140,7 +141,7 @@ def test_a_joint_at_its_limit_stops_all_outwards_and_frees_all_inwards() -> None
     assert resolver.follow_twist(joints, np.eye(6), inwards).velocity == pytest.approx(inwards)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(
     st.lists(six.map(lambda v: vector(v * 3.0)), min_size=1, max_size=6),
     arrays(float, 6, elements=st.floats(-1.95, 1.95)),

@@ -23,6 +23,7 @@ from crtk_drivers.geometry.quaternions import (
 from crtk_drivers.kinematics.chain import Chain, DHConvention, DHJoint, JointKind, chain_from_dh
 from crtk_drivers.kinematics.serial import EDGE, IkFailure, InverseKinematicsError, SerialChain
 from crtk_drivers.samples import Pose, vector
+from rigs.examples import examples
 
 pytest.importorskip("pinocchio", reason="the kinematics extra is not installed")
 
@@ -216,7 +217,7 @@ def test_jacobian_is_that_of_the_closed_form(name, q):
 # Inverse
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(arms, seeds)
 def test_a_reachable_pose_is_reached_within_the_limits(arm, seed):
     pose = arm.forward(within(arm, seed))
@@ -226,7 +227,7 @@ def test_a_reachable_pose_is_reached_within_the_limits(arm, seed):
     assert (q <= arm.upper).all()
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(names, seeds)
 def test_a_solution_is_one_of_the_closed_form(name, seed):
     closed = ArmKinematics(MODELS[name])
@@ -502,3 +503,18 @@ def test_pinocchio_is_imported_when_it_is_needed_and_missed_with_the_command_tha
     )
     assert done.returncode == 0, done.stderr
     assert "pip install 'crtk-drivers[kinematics]'" in done.stdout
+
+
+def test_limits_may_be_whole_numbers():
+    links = [(0.0, 0.1, HALF), (0.13, 0.0, 0.0), (0.12, 0.0, 0.0), (0.12, 0.0, 0.0)]
+    arm = SerialChain(
+        chain_from_dh(
+            DHJoint(str(index), a, twist, d, lower=-3, upper=3)
+            for index, (a, d, twist) in enumerate(links)
+        ),
+        position_only=True,
+    )
+    goal = arm.forward(vector((0.2, 0.4, -0.9, 0.5)))
+    found = arm.inverse(goal, vector((0.1, 0.5, -0.8, 0.4)))
+    assert arm.forward(found).position == pytest.approx(goal.position, abs=ACCURACY)
+    assert arm.lower.dtype == np.float64

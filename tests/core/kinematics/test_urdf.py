@@ -14,7 +14,14 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.kinematics.chain import Chain, JointKind
 from crtk_drivers.kinematics.serial import IkFailure, InverseKinematicsError, SerialChain
-from crtk_drivers.kinematics.urdf import MAX_SIZE, parse_urdf, read_urdf
+from crtk_drivers.kinematics.urdf import (
+    MAX_SIZE,
+    ends_of_joints,
+    joint_rates,
+    parse_urdf,
+)
+from crtk_drivers.wrappers.urdf_file import read_urdf
+from rigs.examples import examples
 
 pin = pytest.importorskip("pinocchio", reason="the kinematics extra is not installed")
 
@@ -85,7 +92,7 @@ axes = triples.filter(lambda axis: math.hypot(*axis) > 0.1)
 kinds = st.sampled_from(["revolute", "continuous", "prismatic", "fixed"])
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.lists(st.tuples(kinds, triples, triples, axes, numbers), min_size=1, max_size=8))
 def test_any_urdf_is_read_as_pinocchio_reads_it(rows):
     links = "".join(f'<link name="l{i}"/>' for i in range(len(rows) + 1))
@@ -140,7 +147,7 @@ def test_joint_vectors_have_the_order_that_was_asked_for():
 
 @pytest.mark.parametrize("name", CHAINS)
 def test_reachable_poses_are_reached_within_the_limits(name):
-    arm = SerialChain(chain(name))
+    arm = SerialChain(chain(name), time_limit=20.0)
     random = np.random.default_rng(4)
     lower, upper = np.maximum(arm.lower, -math.pi), np.minimum(arm.upper, math.pi)
     for _ in range(20):
@@ -289,7 +296,7 @@ def test_files_that_are_none_are_refused(tmp_path):
         assert str(caught.value).startswith(f"{path}: ")
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.data())
 def test_a_damaged_document_is_read_or_refused(data):
     original = SEVEN.encode()
@@ -298,3 +305,24 @@ def test_a_damaged_document_is_read_or_refused(data):
     damaged = original[:start] + data.draw(st.binary(max_size=20)) + original[end:]
     with suppress(ConfigError):
         assert parse_urdf(damaged, base="world", tip="flange").joints
+
+
+def test_rates_of_joints_are_those_of_their_limits() -> None:
+    model = pin.buildModelFromXML(SEVEN)
+    found = joint_rates(SEVEN, [*A1_TO_A7, "nobody"])
+    assert set(found) <= set(A1_TO_A7)
+    for name, rate in found.items():
+        place = model.idx_vs[model.getJointId(name)]
+        assert rate.velocity == model.upperVelocityLimit[place]
+        assert rate.effort == model.upperEffortLimit[place]
+
+
+def test_a_rate_that_is_no_number_is_refused() -> None:
+    wrong = SEVEN.replace('velocity="', 'velocity="x', 1)
+    with pytest.raises(ConfigError, match="velocity"):
+        joint_rates(wrong, A1_TO_A7)
+
+
+def test_the_ends_of_joints_are_links_between_which_they_are_a_chain() -> None:
+    base, tip = ends_of_joints(SEVEN, A1_TO_A7)
+    assert parse_urdf(SEVEN, base=base, tip=tip).names == A1_TO_A7

@@ -1,5 +1,6 @@
 """The drivers' kit over real wires: sockets of the system, and what arrives on them cut anywhere."""
 
+import itertools
 import select
 import socket
 import threading
@@ -20,8 +21,9 @@ from crtk_drivers.kit import (
     UdpTransport,
     until,
 )
+from crtk_drivers.kit.waiting_steps import LATE_LOOKS
 
-PATIENCE = 5.0
+PATIENCE = 20.0
 
 
 def soon() -> float:
@@ -226,7 +228,7 @@ def test_a_link_waits_for_the_rest_of_what_it_forgets(listener, transport):
         peer.sendall(b"dam")
         timer = threading.Timer(0.05, lambda: peer.sendall(b"aged\n"))
         timer.start()
-        link.forget(quiet=0.5)
+        link.forget(quiet=1.0)
         timer.join()
         peer.sendall(b"whole\n")
         assert link.read(soon()) == ["whole"]
@@ -235,6 +237,21 @@ def test_a_link_waits_for_the_rest_of_what_it_forgets(listener, transport):
 def test_a_link_that_is_never_quiet_is_not_waited_for_for_ever(listener, transport, monkeypatch):
     monkeypatch.setattr(transport, "read", lambda deadline: b"x")
     MessageLink(transport, lambda: LineDecoder(str)).forget(quiet=0.002)
+
+
+def test_a_flood_of_what_is_no_message_keeps_no_link_from_its_deadline():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.bind(("127.0.0.1", 0))
+        transport = UdpTransport(*peer.getsockname())
+        link = MessageLink(transport, lambda: LineDecoder(str))
+        link.open(soon())
+        link.write(b"?")
+        _, client = peer.recvfrom(8)
+        for _ in range(8):
+            peer.sendto(b"no end", client)
+        assert link.read(time.monotonic()) == []
+        assert transport.read(time.monotonic()) == b"no end", "more is coming, for all it knows"
+        link.close()
 
 
 def test_a_link_forgets_what_was_not_asked_for(listener, transport):
@@ -305,6 +322,16 @@ def test_until_ends_with_the_condition_or_the_time():
     with pytest.raises(StopIteration) as ended:
         next(steps)
     assert ended.value.value is True
+
+
+@pytest.mark.parametrize(
+    ("told", "wanted"), [(0, True), (LATE_LOOKS, True), (LATE_LOOKS + 1, False)]
+)
+def test_who_was_held_up_for_longer_than_he_waits_looks_before_he_gives_up(told, wanted):
+    cycles = itertools.count()
+    steps = until(lambda: next(cycles) >= told, -1.0)
+    for _ in range(min(told, LATE_LOOKS)):
+        assert next(steps) is None
     with pytest.raises(StopIteration) as ended:
-        next(until(lambda: False, -1.0))
-    assert ended.value.value is False
+        next(steps)
+    assert ended.value.value is wanted

@@ -99,10 +99,10 @@ def test_a_move_that_is_replaced_or_forgotten_is_handed_back() -> None:
     arbiter = Arbiter(EngineOptions(), "here")
     first, second = move(), move()
     assert arbiter.put(first, 0.0) is None
-    assert arbiter.move_waits
+    assert arbiter.waiting_move is not None
     assert arbiter.put(second, 0.0) is first.move
     assert arbiter.clear() is second.move
-    assert not arbiter.move_waits
+    assert arbiter.waiting_move is None
     assert arbiter.clear() is None
 
 

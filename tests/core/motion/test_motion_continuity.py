@@ -23,6 +23,7 @@ from hypothesis.stateful import RuleBasedStateMachine, rule
 from crtk_drivers.commands import Level, find
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.samples import Number
+from rigs.examples import examples
 from rigs.judged_arm import CYCLE, VARIANTS, MotionRig
 
 EVERY = {Level.SERVO: 1, Level.INTERPOLATE: 3}
@@ -46,14 +47,19 @@ def take_over(rig: MotionRig, name: str, start: float) -> None:
         rig.cycle()
 
 
-@pytest.mark.sweep(5)
+PARTS = 5
+"""Of all pairs, so that some of each are quick."""
+
+
+@pytest.mark.sweep(9)
 @pytest.mark.parametrize("every_cycle", [False, True])
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_every_pair_of_commands(variant: str, every_cycle: bool) -> None:
+@pytest.mark.parametrize("part", range(PARTS))
+def test_every_pair_of_commands(part: int, variant: str, every_cycle: bool) -> None:
     names = MotionRig(variant).names
     pairs = list(itertools.permutations(names, 2))
     # The same setpoint again in each cycle, as a bus wants it, is the same for most pairs.
-    for first, second in pairs[:: 5 if every_cycle else 1]:
+    for first, second in pairs[part :: PARTS * (5 if every_cycle else 1)]:
         rig = MotionRig(variant, every_cycle)
         play(rig, first, 12, 0.0)
         take_over(rig, second, 12 * CYCLE)
@@ -119,7 +125,9 @@ class AnyCommands(RuleBasedStateMachine):
 
 def machine(name: str) -> type[AnyCommands]:
     kind = type("AnyCommands", (AnyCommands,), {"variant": name})
-    kind.TestCase.settings = settings(max_examples=15, stateful_step_count=12, deadline=None)
+    kind.TestCase.settings = settings(
+        max_examples=examples(15), stateful_step_count=12, deadline=None
+    )
     return kind
 
 

@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from crtk_drivers.device import Mode
 from crtk_drivers.errors import MotionAborted
 from crtk_drivers.motion.move import Move, Outcome
+from rigs.examples import examples
 from rigs.scripted_engine import LIMIT, PERIOD, Rig, jp, two_joints
+from rigs.waiting import LONG
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.integers(1, 60))
 def test_a_move_begins_with_the_velocity_and_acceleration_of_the_one_it_replaces(
     first: float, second: float, cycles: int
@@ -52,4 +54,4 @@ def test_a_move_that_did_not_reach_its_goal_says_why() -> None:
     move = Move("move_cp")
     threading.Timer(0.01, move.finish, (Outcome.PREEMPTED, "by servo_jp")).start()
     with pytest.raises(MotionAborted, match="move_cp was pre-empted: by servo_jp"):
-        move.wait(5.0)
+        move.wait(LONG)

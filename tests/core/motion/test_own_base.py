@@ -56,6 +56,7 @@ def test_a_setpoint_that_is_not_valid_is_not_valid_in_local() -> None:
     assert rig.value("setpoint_cp")[1] == rig.value("local/setpoint_cp")[1] == 0, "not enabled"
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("mode", [Mode.CARTESIAN_EFFORT, Mode.JOINT_EFFORT])
 @pytest.mark.parametrize("name", ["servo_cf", "interpolate_cf"])
 def test_a_wrench_of_body_is_along_the_axes_that_were_asked_for(mode: Mode, name: str) -> None:

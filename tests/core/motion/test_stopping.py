@@ -113,6 +113,23 @@ def test_one_step_of_what_is_measured_is_no_motion(speed: float, state: S) -> No
     assert rig.state is state
 
 
+def test_steps_that_the_hardware_tells_when_it_is_connected_count_for_what_stands() -> None:
+    slow = JointLimits(-1.0, 1.0, velocity=0.5, acceleration=10.0, jerk=100.0, effort=5.0)
+    rig = Runaway(heeds=10_000, limits=(slow, slow)).running()
+    type(rig.device).velocity_steps = property(lambda self: (0.024, 0.024))  # type: ignore[method-assign,assignment]
+    try:
+        rig.disconnect("gone")
+        rig.runs = False
+        rig.connect()
+        rig.running()
+        rig.speed[0] = 0.024
+        rig.engine.submit("hold")
+        rig.cycle(round(STOP_TIME / PERIOD) + 5)
+        assert rig.state is S.ENABLED
+    finally:
+        del type(rig.device).velocity_steps
+
+
 @pytest.mark.parametrize(("pace", "state"), [(0.1, S.ENABLED), (1.0, S.FAULT), (0.0, S.FAULT)])
 def test_hardware_that_was_slowed_down_brakes_as_slowly(pace: float, state: S) -> None:
     """Ten times slower it takes ten times as long; what moves at no pace at all is slowed down by nobody."""
@@ -159,6 +176,50 @@ def test_closing_waits_for_the_stop_and_says_when_it_did_not_come() -> None:
     with pytest.raises(StopUnconfirmed, match=r"slide at 0\.300"):
         rig.engine.shut_down()
     assert rig.device.calls[-1] == "close"
+
+
+@pytest.mark.parametrize("heeds", [1, 3])
+def test_who_closes_and_is_held_up_for_longer_than_a_stop_takes_looks_before_he_judges(
+    heeds: int,
+) -> None:
+    rig = Runaway(heeds=heeds).running()
+    rig.engine.stop_for_good()
+    rig.clock.advance(2.0 * STOP_TIME)
+    rig.engine.shut_down()
+
+
+def seen_later(rig: Runaway, reads: int) -> None:
+    """Nothing is known of the joints until so many times later, as on a line of one question at a time."""
+    read, left = rig.device.read, [reads]
+
+    def later(deadline: float) -> Sample | None:
+        left[0] -= 1
+        return None if left[0] >= 0 else read(deadline)
+
+    rig.device.read = later  # type: ignore[method-assign]
+
+
+def test_who_closes_and_was_held_up_looks_until_something_is_seen() -> None:
+    rig = Runaway(heeds=1).running()
+    rig.engine.stop_for_good()
+    rig.clock.advance(2.0 * STOP_TIME)
+    seen_later(rig, 4)
+    rig.engine.shut_down()
+
+
+def test_who_was_held_up_looks_until_something_is_seen_before_he_says_that_it_did_not_stop() -> (
+    None
+):
+    for heeds, state in ((1, S.ENABLED), (10_000, S.FAULT)):
+        rig = Runaway(heeds=heeds).running()
+        rig.engine.submit("hold")
+        rig.cycle()
+        rig.clock.advance(3.0 * STOP_TIME)
+        seen_later(rig, 4)
+        rig.cycle(4)
+        assert rig.state is S.ENABLED
+        rig.cycle(round(2.0 * STOP_TIME / PERIOD))
+        assert rig.state is state
 
 
 def test_a_link_that_is_lost_while_it_closes_is_a_stop_that_nobody_saw() -> None:
@@ -421,6 +482,22 @@ def test_closing_after_the_link_was_lost_in_motion_says_that_nobody_saw_it_stand
     with pytest.raises(StopUnconfirmed, match=r"slide at 0\.300 when it was last seen"):
         rig.engine.shut_down()
     assert rig.device.calls[-1] == "close"
+
+
+@pytest.mark.parametrize("told", ["nothing", "nothing valid"])
+def test_what_was_last_seen_to_move_is_not_forgotten_by_samples_that_tell_nothing(
+    told: str,
+) -> None:
+    rig = Runaway(heeds=10_000).running()
+    rests = {"measured_js": JointState(vector(rig.device.position), vector(np.zeros(2)))}
+    stamp = rig.clock.stamp
+    rig.device.read = lambda deadline: (  # type: ignore[method-assign]
+        Sample(stamp(), {}) if told == "nothing" else Sample(replace(stamp(), wall_ns=0), rests)
+    )
+    rig.cycle(3)
+    rig.disconnect("the link is gone")
+    with pytest.raises(StopUnconfirmed, match=r"slide at 0\.300 when it was last seen"):
+        rig.engine.shut_down()
 
 
 def test_closing_after_the_link_was_lost_at_rest_is_no_error() -> None:

@@ -53,6 +53,7 @@ def carried(start: Pose, rate: Vector, frame: str, time: float) -> Pose:
     return as_pose(pin.SE3(turned, here.translation + axes @ motion.linear))
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("mode", MOVING)
 @pytest.mark.parametrize("name", ["servo_cv", "interpolate_cv"])
 @pytest.mark.parametrize("frame", FRAMES)

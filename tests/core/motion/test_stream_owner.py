@@ -11,6 +11,7 @@ from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig
 from rigs.scripted_engine import Rig, jf, jp, jv
+from rigs.waiting import LONG
 
 FIRST, SECOND = Client("the first"), Client("the second")
 TIMEOUT, SLOW_TIMEOUT = 0.1, 0.5
@@ -134,7 +135,7 @@ def two() -> Iterator[tuple[LocalDevice, LocalDevice]]:
     session = Session(PLUGIN, LoopbackConfig(stream_timeout=5.0))
     with LocalDevice(session) as one, LocalDevice(session) as other:
         session.start()
-        one.measured_js(wait=5.0)
+        one.measured_js(wait=LONG)
         one.enable()
         yield one, other
 
@@ -148,5 +149,5 @@ def test_handles_in_one_process_are_clients(two: tuple[LocalDevice, LocalDevice]
         assert caught.value.reason is Reason.STREAM_OWNED
     one.servo_jp([0.0] * 4)
     other.hold()
-    other.move_jp([0.01, 0.0, 0.0, 0.0]).wait(5.0)
+    other.move_jp([0.01, 0.0, 0.0, 0.0]).wait(LONG)
     other.servo_jp([0.01, 0.0, 0.0, 0.0])

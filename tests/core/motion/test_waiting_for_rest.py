@@ -166,8 +166,9 @@ def test_hardware_that_never_comes_to_rest_gets_nothing_and_the_client_a_reason(
     for index in range(4):
         rig.engine.submit("servo_jp", jp(*(BENT + 0.01 * index)), stamp_ns=index + 1)
         rig.cycle(1 if index < 3 else 0)
-    cycles = int((REST_TIMEOUT - 4 * PERIOD) / PERIOD)
-    rig.cycle(cycles)
+    for _ in range(int((REST_TIMEOUT - 4 * PERIOD) / PERIOD)):
+        rig.engine.submit("servo_jp", jp(*BENT), stamp_ns=4)
+        rig.cycle()
     assert rig.told.refusals == []
     rig.cycle(6)
     assert [(told.command, told.reason) for told in rig.told.refusals] == [
@@ -401,15 +402,17 @@ def test_a_device_that_refuses_gravity_compensation_says_so_and_nothing_stops() 
     assert move.wait(0.0)
 
 
-@pytest.mark.parametrize("name", ["servo_jv", "servo_jf", "interpolate_jv"])
+@pytest.mark.parametrize("name", STREAMS)
 def test_a_stream_that_falls_silent_while_it_waits_moves_nothing_later(name: str) -> None:
     rig, move = moving()
     rig.device.ready = False
-    values = jf(*[1.0] * 6) if name == "servo_jf" else jv(*[0.1] * 6)
-    rig.engine.submit(name, values)
+    rig.engine.submit(name, STREAMS[name](), stamp_ns=7)
     rig.cycle(150)  # 0.6 s
-    rig.device.ready = True
+    rest(rig)
     rig.cycle(10)
     assert not move.is_busy()
     assert rig.written == []
     assert rig.state is OperatingState.ENABLED
+    assert [(told.command, told.reason, told.stamp_ns) for told in rig.told.refusals] == [
+        (name, Reason.TOO_OLD, 7)
+    ]

@@ -8,8 +8,8 @@ import time
 import pytest
 
 from crtk_drivers.errors import RecordingError
-from crtk_drivers.recording import McapWriter, Recorder, Recording
-from crtk_drivers.recording.recorder import TOTALS
+from crtk_drivers.recording import McapWriter, Raw, Recorder, Recording
+from crtk_drivers.recording.recorder import CAPACITY_SIZE, TOTALS
 from crtk_drivers.samples import JointState, Number, Pose, Stamp, Text, vector
 from crtk_drivers.state import OperatingState, Status
 
@@ -66,14 +66,27 @@ def test_what_waits_is_in_the_file_while_it_is_open(path):
         assert not Recording(path).is_complete
 
 
-def test_of_a_queue_that_is_full_the_oldest_go_and_are_counted(path):
+def test_what_finds_the_queue_full_is_dropped_and_counted(path):
     recorder = Recorder(path, capacity=10)
     for number in range(25):
         recorder.take("/a", Text(str(number)), Stamp(1, 1.0))
     totals = recorder.close()
-    assert texts(path) == [str(number) for number in range(15, 25)]
+    assert texts(path) == [str(number) for number in range(10)]
     assert (totals.taken, totals.written, totals.lost) == (25, 10, 15)
     assert dict(Recording(path).metadata)[TOTALS]["lost"] == "15"
+
+
+def test_what_waits_has_a_largest_size(path):
+    data, topic = bytes(1000), "/cloud"
+    raw = Raw(topic, "sensor_msgs/msg/PointCloud2", data, 1, 1, definition="uint8[] data\n")
+    recorder = Recorder(path)
+    for size in (CAPACITY_SIZE - 1000, 1001, 1000):
+        recorder.put((lambda *_: (raw,), topic, 1), 1, size)
+    recorder.start()
+    until(lambda: recorder.totals.written == 2)
+    recorder.put((lambda *_: (raw,), topic, 1), 1, CAPACITY_SIZE)
+    totals = recorder.close()
+    assert (totals.written, totals.lost) == (3, 1)
 
 
 def test_nothing_is_lost_between_threads(path):
@@ -142,7 +155,7 @@ def test_a_full_disk_is_told_once_and_recording_goes_on(path, disk, caplog):
     caplog.set_level(logging.WARNING)
     with Recorder(path, period=0.001) as recorder:
         recorder.take("/a", Text("before"), Stamp(1, 1.0))
-        until(lambda: recorder.totals.written == 1)
+        until(lambda: texts(path) == ["before"])  # counted before it is flushed
         disk.is_full = True
         for number in range(5):
             recorder.take("/a", Text(str(number)), Stamp(1, 1.0))
@@ -157,7 +170,18 @@ def test_a_full_disk_is_told_once_and_recording_goes_on(path, disk, caplog):
     assert "No space left" in totals.error
     first, second = caplog.records
     assert "No space left on device" in first.getMessage()
-    assert second.getMessage() == "recording goes on; 10 values are lost"
+    assert second.getMessage() == "recording goes on; 10 messages are lost"
+
+
+def test_the_room_that_is_kept_free_is_left(path, caplog):
+    recorder = Recorder(path, keep_free=1 << 60)
+    recorder.take("/a", Text("a"), Stamp(1, 1.0))
+    totals = recorder.close()
+    assert (totals.written, totals.lost) == (0, 1)
+    assert "1 messages are lost: its disk has" in totals.error
+    assert "are kept free" in caplog.text
+    assert texts(path) == []
+    assert Recording(path).is_complete
 
 
 def test_a_disk_that_stays_full_is_told_by_close_and_the_file_can_be_read(path, disk):
@@ -203,6 +227,29 @@ def test_a_mistake_within_ends_no_thread(path, monkeypatch, caplog):
     recorder.close()
     assert texts(path) == ["a"]
     assert "unexpected KeyError: 'a mistake'" in caplog.records[0].getMessage()
+
+
+def test_what_fails_before_a_write_keeps_nothing_out_of_the_file(path):
+    def look():
+        raise ZeroDivisionError("of a reading")
+
+    recorder = Recorder(path, before_write=look)
+    recorder.take("/a", Text("a"), Stamp(1, 1.0))
+    totals = recorder.close()
+    assert texts(path) == ["a"]
+    assert (totals.taken, totals.written, totals.lost) == (1, 1, 0)
+    assert "of a reading" in totals.error
+
+
+def test_a_stamp_before_the_epoch_costs_no_message(path):
+    recorder = Recorder(path)
+    recorder.take("/a", Text("a"), Stamp(-5, 1.0))
+    recorder.take("/a", Text("b"), Stamp(7, 1.0))
+    totals = recorder.close()
+    early, late = Recording(path).messages()
+    assert (early.decoded().stamp_ns, early.publish_time) == (-5, early.log_time)
+    assert late.publish_time == 7
+    assert (totals.written, totals.error) == (2, "")
 
 
 def test_a_file_that_cannot_be_made_is_told_at_once(tmp_path, disk):

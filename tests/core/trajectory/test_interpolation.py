@@ -28,6 +28,7 @@ from crtk_drivers.trajectory.interpolators import (
     WrenchInterpolator,
 )
 from crtk_drivers.trajectory.smoothing import FIRST_PERIOD, StreamClock
+from rigs.examples import examples
 
 CYCLE = 0.002
 TIMEOUT = 0.3
@@ -116,7 +117,7 @@ any_stream = st.lists(
 
 # A distance at which ruckig's answer crawls for minutes.
 @example([(0.0, np.array([-1.0, 0.0])), (0.003, np.array([0.0, 0.0]))], SOFT)
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(any_stream, st.sampled_from([SOFT, HARD]))
 def test_any_stream_becomes_smooth_motion_within_the_limits(
     steps: list[tuple[float, np.ndarray]], limit: JointLimits
@@ -134,7 +135,7 @@ def test_any_stream_becomes_smooth_motion_within_the_limits(
     assert not track.over[0]
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     st.sampled_from([5, 10, 20, 50, 100]),
     st.floats(0.05, 0.9),
@@ -251,7 +252,7 @@ def test_a_flood_is_followed() -> None:
     assert track.value[settled, 0] == pytest.approx(0.4 * track.time[settled], abs=0.4 * 0.006)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.lists(st.tuples(st.floats(-2.0, 2.0), any_goal), min_size=1, max_size=30), st.booleans())
 def test_a_clock_that_goes_back_makes_no_jump(
     moments: list[tuple[float, np.ndarray]], commands: bool
@@ -270,7 +271,7 @@ def test_a_clock_that_goes_back_makes_no_jump(
         before = value
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.floats(-0.9, 0.9), st.floats(-4.0, 4.0), st.floats(-0.5, 0.5))
 def test_it_begins_with_the_motion_that_there_is(
     rate: float, acceleration: float, goal: float
@@ -330,7 +331,7 @@ def test_what_is_not_a_goal_is_refused_and_changes_nothing(goal: ArrayLike) -> N
 # -------------------------------------------------------------------------------- velocities and efforts
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=20), st.sampled_from([0.01, 0.05, 0.2]))
 def test_velocities_change_within_acceleration_and_jerk_and_end_at_zero(
     goals: list[float], period: float
@@ -445,7 +446,7 @@ def poses(
 three = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(
     st.lists(st.tuples(three, three), min_size=1, max_size=8),
     st.sampled_from([0.01, 0.05, 0.1]),

@@ -15,6 +15,7 @@ from crtk_drivers.geometry.quaternions import quaternion_from_rotvec, quaternion
 from crtk_drivers.geometry.rates import angular_acceleration, angular_velocity, turn
 from crtk_drivers.samples import Pose, Vector, vector
 from crtk_drivers.trajectory.profiles import JointProfile, LineProfile, check_line
+from rigs.examples import examples
 
 LIMIT = JointLimits(-2.0, 2.0, velocity=1.0, acceleration=5.0, jerk=50.0, effort=1.0)
 TOOL = CartesianLimits(0.5, 1.0, 2.0, 4.0)
@@ -32,7 +33,7 @@ def pose(
     return Pose(vector(position), quaternion_from_rotvec(vector(rotvec)), "base")
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(two, two, share, share)
 def test_a_profile_from_rest_keeps_its_ratios_of_the_limits_and_ends_exactly(
     start: Vector, goal: Vector, velocity: float, acceleration: float
@@ -50,7 +51,7 @@ def test_a_profile_from_rest_keeps_its_ratios_of_the_limits_and_ends_exactly(
         assert speed.tolist() == [0.0, 0.0]
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(two, two, two, st.floats(0.0, 1.0))
 def test_a_new_goal_while_moving_goes_on_without_a_jump(
     start: Vector, goal: Vector, other: Vector, when: float
@@ -110,7 +111,7 @@ def test_what_is_not_a_number_is_refused() -> None:
 # -------------------------------------------------------------------------------------------------- lines
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(three, three, three, three, share, share)
 def test_a_line_from_rest_is_straight_turns_on_a_geodesic_and_keeps_the_limits(
     start: Vector,
@@ -141,7 +142,7 @@ def test_a_line_from_rest_is_straight_turns_on_a_geodesic_and_keeps_the_limits(
     assert twist.tolist() == [0.0] * 6
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(three, three, three, st.floats(0.05, 0.95), three, three)
 def test_a_new_line_while_moving_goes_on_without_a_jump_and_keeps_the_limits(
     goal: Vector, turned: Vector, other: Vector, when: float, facing: Vector, third: Vector
@@ -258,6 +259,23 @@ def test_a_tool_as_fast_as_its_joints_gets_up_to_its_speed() -> None:
             check_line(line, inverse, vector(np.zeros(3)), names, slow)
 
 
+def test_a_line_that_takes_minutes_is_judged_as_soon_as_one_of_seconds() -> None:
+    """What comes next from the same thread, as a stop, waits for that."""
+    asked = 0
+
+    def inverse(goal: Pose, near: Vector) -> Vector:
+        nonlocal asked
+        asked += 1
+        return elbow(goal, near)
+
+    start, goal = pose((0.5, -0.4, 0.0)), pose((0.5, 0.4, 0.0))
+    line = LineProfile(start, goal, TOOL, Ratios(0.001, 0.001))
+    assert line.duration > 100.0
+    begin = elbow(start, vector((0.0, 0.0)))
+    check_line(line, inverse, begin, ("shoulder", "elbow"), (SHORT, SHORT))
+    assert asked <= 300
+
+
 def test_a_line_beyond_a_joint_limit_is_refused() -> None:
     narrow = JointLimits(-3.0, 2.0, velocity=2.0, acceleration=10.0, jerk=100.0, effort=1.0)
     with pytest.raises(KinematicsError, match="elbow would be at"):
@@ -267,7 +285,7 @@ def test_a_line_beyond_a_joint_limit_is_refused() -> None:
 # ---------------------------------------------------------------------------------------------- rotations
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     st.tuples(*[st.floats(-2.0, 2.0)] * 3).map(vector),
     three,

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from crtk_driver_dynamixel import PLUGIN
@@ -26,6 +26,7 @@ from rigs.dynamixel_bench import (
     eventually,
     sim_for,
 )
+from rigs.examples import examples
 from rigs.extreme_values import IN_REAL_TIME
 
 JOINTS: dict[str, Any] = {
@@ -93,7 +94,7 @@ def bench() -> Iterator[DynamixelBench]:
         yield bench
 
 
-@settings(max_examples=40, **CHEAP)
+@settings(max_examples=examples(40), **CHEAP)
 @given(claim=claims(IN_CYCLES), servo=st.integers(1, 2))
 def test_what_a_servo_claims_while_it_holds_moves_nothing(
     bench: DynamixelBench, claim: tuple[int, str], servo: int
@@ -125,8 +126,10 @@ def servos() -> Iterator[RunningSim]:
         yield sim
 
 
-@settings(max_examples=40, **CHEAP)
+@settings(max_examples=examples(40), **CHEAP)
 @given(claim=claims((*AT_SET_UP, *IN_CYCLES)), servo=st.integers(1, 2))
+@example(claim=(38, "feff"), servo=1)  # current limit, more than a goal can be
+@example(claim=(36, "feff"), servo=1)  # that of the voltage
 def test_what_a_servo_claims_when_it_is_opened_and_enabled_is_refused_or_moves_nothing(
     servos: RunningSim, claim: tuple[int, str], servo: int
 ) -> None:

@@ -150,7 +150,7 @@ def test_following_is_declared():
 @pytest.mark.parametrize("name", ["servo_jv", "servo_jf"])
 def test_a_joint_that_left_its_turn_is_a_fault_and_stays_where_it_is(sim, name):
     """Position mode would count it a turn elsewhere, and lead it on in the same direction."""
-    with driver_at(sim, VALUES) as bench:
+    with driver_at(sim, {**VALUES, "stream_timeout": 2.0}) as bench:
         bench.enable()
         kind = Kind.VELOCITY if name == "servo_jv" else Kind.EFFORT
         bench.stream(name, ZERO, lambda: bench.device.part.kind is kind)

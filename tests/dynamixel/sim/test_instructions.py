@@ -175,8 +175,9 @@ def test_clear_is_taken_as_soon_as_moving_says_that_it_stands() -> None:
     with running(servos="1:xm430-w350") as sim, Wire(sim.ttys["bus1"]) as wire:
         wire.ask(write(1, MODE, b"\x04"), 11)
         wire.ask(write(1, TORQUE, b"\x01"), 11)
-        for goal in (3000, 2048, 3000):
-            wire.ask(write(1, GOAL_POSITION, struct.pack("<i", goal)), 11)
+        for _ in range(3):
+            # More than a turn away each time: full turns are forgotten.
+            wire.ask(write(1, GOAL_POSITION, struct.pack("<i", 8000)), 11)
             wait_until(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x01"))
             wait_until(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x00"))
             assert wire.ask(instruction(1, 0x10, CLEAR), 11) == done(1)

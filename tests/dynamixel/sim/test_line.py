@@ -165,7 +165,7 @@ TALK = st.one_of(
     talk=st.lists(st.tuples(TALK, st.floats(0.0, 0.2)), max_size=10),
     timed=st.booleans(),
 )
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_whatever_is_said_and_whatever_is_broken_the_line_lives(
     make: Make,
     kinds: list[str],

@@ -15,8 +15,8 @@ from crtk_driver_dynamixel.joints import Chain
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.kinematics.serial import SerialChain
-from crtk_drivers.kinematics.urdf import read_urdf
 from crtk_drivers.samples import Pose, vector
+from crtk_drivers.wrappers.urdf_file import read_urdf
 from crtk_sim_backends.dynamixel.config import SimConfig
 
 NAMES = arms.names()

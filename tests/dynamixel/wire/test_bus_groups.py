@@ -13,21 +13,22 @@ from crtk_driver_dynamixel.replies import Failure
 from rigs.dynamixel_packets import fast_status2, status1, status2
 from rigs.dynamixel_peer import FAST, Peer, open_bus
 
-SHORT = 0.15
-"""Seconds of patience where silence is expected."""
+SHORT = 1.0
+"""Seconds of patience where silence is expected, and answers of a peer that may be held up."""
+BRIEF = 0.3
+"""The same where nothing that is expected could come too late."""
+
+WAIT = 20.0
 
 
 @contextmanager
-def bus_on(links=None, *, budget=0.2, baud=FAST):
+def bus_on(links=None, *, budget=WAIT, baud=FAST):
     with Peer() as peer:
         bus = open_bus(peer, links, budget=budget, baud=baud)
         try:
             yield peer, bus
         finally:
             bus.close()
-
-
-WAIT = 20.0
 
 
 def data(id, turn=0):
@@ -182,7 +183,7 @@ def test_a_truncated_reply_whose_followers_stall():
 
 
 def test_a_chain_without_power_ends_in_time():
-    with bus_on(budget=SHORT) as (peer, bus):
+    with bus_on(budget=BRIEF) as (peer, bus):
         result = bus.sync_read(range(1, 9), 132, 4)
         waited = groups.MOST_GAPS
         expected = [Failure.SILENT] * waited + [Failure.LEFT_OUT] * (8 - waited)
@@ -236,7 +237,7 @@ def test_late_replies_of_the_last_servo_are_not_taken():
         group = bus.sync_group([1, 2, 3], 132, 4)
         peer.script(
             statuses([1, 2], turn=1),
-            [statuses([3], turn=1), SHORT / 3, statuses([1, 2, 3], turn=2)],
+            [statuses([3], turn=1), BRIEF / 3, statuses([1, 2, 3], turn=2)],
             statuses([3], turn=3),
         )
         assert failures(group.run()) == {3: Failure.SILENT}
@@ -266,9 +267,9 @@ def until_complete(group):
 
 @pytest.mark.parametrize("is_fast", [False, True])
 def test_late_replies_of_all_servos_are_not_taken(is_fast):
-    with bus_on(budget=SHORT) as (peer, bus):
+    with bus_on(budget=BRIEF) as (peer, bus):
         group = bus.sync_group([1, 2], 132, 4, fast=is_fast)
-        peer.script([4 * SHORT, (fast if is_fast else statuses)([1, 2], turn=1)])
+        peer.script([4 * BRIEF, (fast if is_fast else statuses)([1, 2], turn=1)])
         peer.answer_all(answers(turn=2))
         group.run()
         assert {told[1] for told in until_complete(group)} == {2}
@@ -315,7 +316,7 @@ def test_a_reply_that_comes_too_early_does_not_prove_others_missing():
 
 
 def test_replies_that_take_long_are_not_looked_at_piece_by_piece(monkeypatch):
-    with bus_on(baud=4800) as (peer, bus):
+    with bus_on(baud=1200) as (peer, bus):
         looks = []
         read = bus.port.read
         monkeypatch.setattr(bus.port, "read", lambda deadline: looks.append(0) or read(deadline))
@@ -326,7 +327,7 @@ def test_replies_that_take_long_are_not_looked_at_piece_by_piece(monkeypatch):
 
 
 def test_deadlines_follow_the_servos_settings():
-    with bus_on({1: ServoLink(return_delay=100.0)}, budget=SHORT) as (_, bus):
+    with bus_on({1: ServoLink(return_delay=100.0)}, budget=BRIEF) as (_, bus):
         group = bus.sync_group([1], 132, 4)
         bus.set_link(1, return_delay=0.0)
         assert failures(group.run()) == {1: Failure.SILENT}

@@ -3,6 +3,7 @@
 import itertools
 import struct
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -20,9 +21,9 @@ SERVOS = (
     "1:xm430-w350,2:xm430-w350,3:xl430-w250,4:xl330-m288,7:mx-28-1.0,8:mx-28-1.0;"
     "1:xm430-w350,2:xm430-w350,3:xm430-w350"
 )
-PATIENCE = 0.2
+PATIENCE = 2.0
 """Seconds that a busy machine may be late without a servo counting as silent."""
-SHORT = 0.15
+SHORT = 0.6
 """The same where silence is waited for."""
 WAIT = 20.0
 
@@ -73,7 +74,7 @@ def test_who_is_there(mixed):
 
 
 def test_nobody_is_there(mixed):
-    mixed.set_link(99, return_delay=0.0)
+    patient(mixed).set_link(99, return_delay=0.0)
     with pytest.raises(ServoSilent, match="id 99"):
         mixed.ping(99)
 
@@ -95,7 +96,7 @@ def test_refusals(mixed):
 
 def test_a_servo_is_restarted(mixed):
     mixed.write(2, 65, b"\1")
-    mixed.reboot(2)
+    patient(mixed).reboot(2)
     deadline = time.monotonic() + WAIT
     while not mixed.ping_many([2]) and time.monotonic() < deadline:
         pass
@@ -171,7 +172,7 @@ def test_a_fault_of_replies_costs_no_other_data(sim, chain, kind, fast):
     group = chain.sync_group([1, 2, 3], 0, 7, fast=fast)  # model, firmware: they never change
     right = group.run().block
     inject(sim, kind, id=2, every=3)
-    for _ in range(12):
+    for _ in range(7):
         result = group.run()
         assert set(failures(result)) <= {2}
         for index, data in enumerate(result.data):
@@ -205,14 +206,14 @@ def test_an_adapter_with_a_slow_timer_is_seen(sim, chain):
     chain._latency_budget = 0.004
     chain.revision += 1
     inject(sim, "latency", milliseconds=16.0)
-    right = {}
-    for id, address in itertools.product((1, 2, 3), (7, 9)):
-        try:
-            right[id, address] = chain.read(id, address, 1, attempts=1)
-        except ServoSilent:
-            continue
-    assert all(data == bytes((id,)) for (id, address), data in right.items() if address == 7)
-    assert sum(chain.counters(id).strays + chain.counters(id).timeouts for id in (1, 2, 3)) > 0
+    deadline = time.monotonic() + WAIT
+    # Who is held up for longer than the timer finds the reply there.
+    while not sum(chain.counters(id).strays + chain.counters(id).timeouts for id in (1, 2, 3)):
+        assert time.monotonic() < deadline
+        for id, address in itertools.product((1, 2, 3), (7, 9)):
+            with suppress(ServoSilent):
+                data = chain.read(id, address, 1, attempts=1)
+                assert address != 7 or data == bytes((id,))
 
 
 def test_alerts_come_with_every_reply(sim, chain):
@@ -222,7 +223,7 @@ def test_alerts_come_with_every_reply(sim, chain):
     assert [reply.alert for reply in result.replies] == [False, True, False]
     assert chain.sync_group([1, 2, 3], 126, 10, fast=True).run().alert
     assert chain.read(2, 70, 1) == bytes((1 << 5,))
-    chain.reboot(2)
+    patient(chain).reboot(2)
     deadline = time.monotonic() + WAIT
     while not chain.ping_many([2]) and time.monotonic() < deadline:
         pass

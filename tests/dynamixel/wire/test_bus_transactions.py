@@ -1,5 +1,6 @@
 """Transactions with one servo over a pseudo-terminal: answers, refusals, silence, damage, late replies."""
 
+import subprocess
 import time
 from collections import deque
 from contextlib import contextmanager
@@ -14,14 +15,16 @@ from crtk_drivers.errors import ConnectionLost
 from rigs.dynamixel_packets import status1, status2
 from rigs.dynamixel_peer import Peer, open_bus
 
-SHORT = 0.15
-"""Seconds of patience where silence is expected."""
+SHORT = 1.0
+"""Seconds of patience where silence is expected, and answers of a peer that may be held up."""
+BRIEF = 0.3
+"""The same where nothing that is expected could come too late."""
 
 WAIT = 20.0
 
 
 @contextmanager
-def bus_on(links=None, *, budget=0.2):
+def bus_on(links=None, *, budget=WAIT):
     with Peer() as peer:
         bus = open_bus(peer, links, budget=budget)
         try:
@@ -74,7 +77,7 @@ def test_a_refusal_names_the_servo_and_what_to_do():
 
 
 def test_silence_is_asked_again_and_then_told():
-    with bus_on(budget=SHORT) as (peer, bus):
+    with bus_on(budget=BRIEF) as (peer, bus):
         with pytest.raises(ServoSilent, match=r"id 4: read of 2 bytes at 144: no answer") as caught:
             bus.read(4, 144, 2)
         assert isinstance(caught.value, TimeoutError)
@@ -128,7 +131,7 @@ def test_an_echo_is_passed_over():
 
 def test_an_answer_before_the_request_is_not_taken():
     with bus_on() as (peer, bus):
-        peer.script(status2(1, b"ab"), [SHORT, status2(1, b"cd")])
+        peer.script(status2(1, b"ab"), [BRIEF, status2(1, b"cd")])
         assert bus.read(1, 132, 2) == b"ab"
         peer.say(status2(1, b"xx"))  # doubled
         assert bus.read(1, 132, 2) == b"cd"
@@ -152,8 +155,8 @@ def until_answered(call):
 
 def test_a_late_answer_is_not_taken_for_the_next_one():
     """The next one could not be told from it: the servo is asked for something else before."""
-    with bus_on(budget=SHORT) as (peer, bus):
-        peer.script([3 * SHORT, status2(1, b"ab")])
+    with bus_on(budget=BRIEF) as (peer, bus):
+        peer.script([3 * BRIEF, status2(1, b"ab")])
         peer.answer_all(lambda request: reply_to_read(request, b"cd"))
         with pytest.raises(ServoSilent):
             bus.read(1, 132, 2, attempts=1)
@@ -166,7 +169,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one():
 
 
 def test_nothing_is_asked_of_a_servo_whose_answer_could_not_be_told_from_a_late_one():
-    with bus_on(budget=SHORT) as (peer, bus):
+    with bus_on(budget=BRIEF) as (peer, bus):
         for _ in range(2):
             with pytest.raises(ServoSilent):
                 bus.read(1, 132, 2)
@@ -257,11 +260,28 @@ def test_protocol_1():
 
 
 def test_endless_noise_ends_in_time():
-    with bus_on(budget=SHORT) as (peer, bus):
+    with bus_on(budget=BRIEF) as (peer, bus):
         peer.script([part for _ in range(40) for part in (b"\xff\xff\xfd\x00\x01\x40\x00", 0.01)])
         with pytest.raises(ServoSilent):
             bus.read(1, 132, 2, attempts=1)
         assert len(peer.requests) == 1
+
+
+@pytest.mark.parametrize("ask", ["one", "group"])
+def test_noise_without_a_pause_does_not_keep_the_thread(ask):
+    """Whoever looks finds more of it, as from a servo that has lost its rate on a fast line."""
+    with bus_on(budget=BRIEF) as (peer, bus):
+        babbler = subprocess.Popen(["cat", "/dev/zero"], stdout=peer.master)
+        try:
+            peer.until_heard()
+            if ask == "one":
+                with pytest.raises(ServoSilent):
+                    bus.read(1, 132, 2, attempts=1)
+            else:
+                assert not any(bus.fast_sync_read([1, 2], 132, 2).data)
+        finally:
+            babbler.kill()
+            babbler.wait()
 
 
 def test_an_unplugged_adapter():

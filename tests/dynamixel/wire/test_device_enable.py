@@ -12,6 +12,7 @@ from rigs.dynamixel_bench import (
     WEIGHTLESS,
     arm_values,
     driver_at,
+    eventually,
     set_upright,
     sim_for,
     torque_ons,
@@ -71,9 +72,11 @@ def test_connecting_leaves_torque_that_is_on(sim):
 
 
 def test_a_cycle_is_one_request_for_arm_and_gripper(sim):
-    with driver_at(sim, arm_values(slow_interval=60.0)) as bench:
+    # Nothing is asked for again where an answer is late.
+    late = {"latency_budget": 0.5, "silent_timeout": 9.0, "sample_timeout": 10.0}
+    with driver_at(sim, arm_values(slow_interval=60.0, **late)) as bench:
         bench.cycles(5)
-        mark, before = bench.mark(), bench.arm.health().samples
+        before, mark = bench.arm.health().samples, bench.mark()  # between them it goes on
         bench.cycles(50)
         requests, samples = bench.mark() - mark, bench.arm.health().samples - before
         assert requests <= samples + 5
@@ -219,6 +222,27 @@ def test_free_lets_go_and_hold_takes_the_arm_where_it_is(sim):
             assert bench.arm.move_jp(goal).wait(LONG)
 
 
+def test_free_in_the_midst_of_a_change_of_mode_lets_go_and_nothing_turns(sim):
+    with driver_at(sim, arm_values()) as bench:
+        bench.enable()
+
+        def change_begins() -> None:
+            if bench.device.part._work is not None:
+                bench.engine.on_sample = None
+                bench.arm.free()
+
+        bench.engine.on_sample = change_begins
+        mark = bench.mark()
+        with bench.nothing_moves():
+            bench.arm.servo_jv([0.5] + [0.0] * 5)
+            eventually(lambda: bench.engine._motion.is_free, "it is free")
+            eventually(lambda: bench.device.part._work is None, "the change of mode is over")
+            bench.cycles(20)
+        assert bench.torques() == [False] * 6 + [True]
+        assert {value for _, value in bench.written("goal_velocity", mark)} <= {0}
+        assert bench.status.state == "ENABLED"
+
+
 def test_disable_while_free(sim):
     with driver_at(sim, arm_values()) as bench:
         bench.enable()
@@ -231,14 +255,14 @@ def test_disable_while_free(sim):
 
 
 def test_the_bus_watchdog_is_armed_by_enable_and_disarmed_at_the_end(sim):
-    with driver_at(sim, arm_values(watchdog=0.5)) as bench:
+    with driver_at(sim, arm_values(watchdog=1.0)) as bench:
         mark = bench.mark()
         bench.enable()
-        assert {(id, 25) for id in range(1, 8)} <= set(bench.written("bus_watchdog", mark))
+        assert {(id, 50) for id in range(1, 8)} <= set(bench.written("bus_watchdog", mark))
         mark = bench.mark()
     assert {(id, 0) for id in range(1, 8)} <= set(bench.written("bus_watchdog", mark))
     with bench.nothing_moves():
-        assert bench.watch(0.6) < 5e-3
+        assert bench.watch(1.1) < 5e-3
     assert all(bench.torques())
 
 
@@ -247,3 +271,18 @@ def test_no_servo_is_restarted_without_need(sim):
         mark = bench.mark()
         bench.enable()
         assert REBOOT not in {entry["code"] for entry in bench.trace(mark)}
+
+
+def test_bounds_of_an_earlier_configuration_do_not_stay(sim):
+    """Goal Current and Goal PWM outlive the driver that wrote them, and bound every mode."""
+    bounds = {"current_limit": 1.0, "pwm_limit": 0.5}
+    with driver_at(sim, arm_values(joints={"waist": bounds}, gripper=bounds)) as bench:
+        mark = bench.mark()
+        bench.enable()
+        written = [dict(bench.written(name, mark)) for name in ("goal_current", "goal_pwm")]
+        assert [(by_id[1], by_id[7]) for by_id in written] == [(371, 371), (442, 442)]
+    with driver_at(sim, arm_values()) as bench:
+        mark = bench.mark()
+        bench.enable()
+        written = [dict(bench.written(name, mark)) for name in ("goal_current", "goal_pwm")]
+        assert [(by_id[1], by_id[7]) for by_id in written] == [(2047, 297), (885, 885)]

@@ -48,6 +48,17 @@ def bench(shared):
         yield bench
 
 
+def until_stream_ended(bench):
+    """Wait until it has ended by itself; one that a busy machine ended has been followed by another."""
+    eventually(
+        lambda: (
+            (bench.arm.health().stream_timeouts > 0 or bench.log.refusals)
+            and not bench.arm.health().stream
+        ),
+        "the stream ends",
+    )
+
+
 def setpoint(bench, name):
     """A setpoint of a kind that moves nothing."""
     return bench.arm.measured_js().position if name == "servo_jp" else ZERO
@@ -57,13 +68,15 @@ def go_over_to(bench, name) -> list[int]:
     """Stream setpoints that move nothing until they take effect; return the mode of each servo."""
     register = {"servo_jp": 116, "servo_jv": 104, "servo_jf": 102}[name]
     value, mark = setpoint(bench, name), bench.mark()
+    modes = {}
 
     def arrived():
-        return any(w.address == register and len(w.data) <= 4 for w in bench.writes(mark)[-6:])
+        writes = bench.writes(mark)
+        modes.update({on.id: on.registers["operating_mode"] for on in torque_ons(writes)})
+        return any(w.address == register and len(w.data) <= 4 for w in writes[-6:])
 
     bench.stream(name, value, lambda: bench.device.takes_setpoints and arrived())
-    ons = {on.id: on.registers["operating_mode"] for on in torque_ons(bench.writes(mark))}
-    return [ons.get(id, -1) for id in range(1, 7)]
+    return [modes.get(id, -1) for id in range(1, 7)]
 
 
 @pytest.mark.parametrize("name", ["servo_jv", "servo_jf"])
@@ -71,9 +84,14 @@ def test_modes_change_both_ways_without_a_jump(bench, name):
     with bench.nothing_moves(counts=4):
         mark = bench.mark()
         assert go_over_to(bench, name) == [MODES[name]] * 6
-        ons = torque_ons(bench.writes(mark))
         goal = {"servo_jv": "goal_velocity", "servo_jf": "goal_current"}[name]
-        assert [on.registers[goal] for on in ons] == [0] * 6
+        ons = [
+            on
+            for on in torque_ons(bench.writes(mark))
+            if on.registers["operating_mode"] == MODES[name]  # one that is held up holds in between
+        ]
+        assert {on.id for on in ons} == set(range(1, 7))
+        assert {on.registers[goal] for on in ons} == {0}
         assert all(bench.torques())
     before, mark = bench.servos(), bench.mark()
     assert go_over_to(bench, "servo_jp") == [POSITION] * 6
@@ -107,11 +125,12 @@ def test_gains_and_profile_are_restored_after_a_change_of_mode(bench):
     [("servo_jv", [0.4, 0, 0, 0, 0, 0.5]), ("servo_jf", [0.6, 0, 0, 0, 0, 0.3])],
 )
 def test_the_end_of_a_stream_is_a_position_hold(bench, name, value):
-    bench.stream(name, value, lambda: bench.servos()[1]["velocity"] > 0.2)
     mark = bench.mark()
-    eventually(lambda: bench.arm.health().stream_timeouts == 1, "the stream ends")
+    bench.stream(name, value, lambda: bench.servos()[1]["velocity"] > 0.2)
+    until_stream_ended(bench)
     eventually(lambda: bench.device.takes_setpoints, "it is at rest")
-    assert {on.registers["operating_mode"] for on in torque_ons(bench.writes(mark))} == {POSITION}
+    modes = {on.id: on.registers["operating_mode"] for on in torque_ons(bench.writes(mark))}
+    assert set(modes.values()) == {POSITION}
     bench.until_still()
     with bench.nothing_moves(counts=2):
         bench.cycles(20)
@@ -125,7 +144,7 @@ def test_the_end_of_a_stream_is_a_position_hold(bench, name, value):
 @pytest.mark.parametrize("name", ["servo_jp", "servo_jv", "servo_jf"])
 def test_pause_from_each_mode_holds(bench, name):
     if name == "servo_jp":
-        bench.arm.move_jp([0.6, *ZERO[1:]])
+        bench.arm.move_jp([2.5, *ZERO[1:]])
         eventually(lambda: bench.servos()[1]["velocity"] > 0.2, "it moves")
     else:
         moving = [0.5 if name == "servo_jv" else 0.6, *ZERO[1:]]
@@ -138,7 +157,7 @@ def test_pause_from_each_mode_holds(bench, name):
         assert all(bench.torques())
         bench.arm.resume()
         bench.cycles(20)
-    assert 0.0 < bench.servos()[1]["angle"] < 0.58
+    assert 0.0 < bench.servos()[1]["angle"] < 2.48
 
 
 def test_hold_ends_a_slow_profile_of_the_servo(shared):
@@ -168,7 +187,7 @@ def test_servo_jp_stream_that_stops_holds_the_last_setpoint(bench):
         goal[0] += 0.0005
         bench.arm.servo_jp(goal)
         time.sleep(0.01)  # the pace of the stream
-    eventually(lambda: bench.arm.health().stream_timeouts == 1, "the stream ends")
+    until_stream_ended(bench)
     bench.until_still()
     assert bench.servos()[1]["angle"] == pytest.approx(goal[0], abs=3 * COUNT)
     assert bench.status.state == "ENABLED"
@@ -185,9 +204,8 @@ def test_a_velocity_is_what_was_asked_for(bench):
 def test_an_effort_is_what_was_asked_for(bench):
     bench.sim.control.inject("stuck", id=4)
     value = [0, 0, 0, 0.8, 0, 0]
-    bench.stream("servo_jf", value, lambda: bench.servos()[4]["torque_applied"] > 0.5)
-    applied = bench.servos()[4]["torque_applied"]
-    assert applied == pytest.approx(0.8, rel=0.05)
+    asked = pytest.approx(0.8, rel=0.05)
+    bench.stream("servo_jf", value, lambda: bench.servos()[4]["torque_applied"] == asked)
     bench.stream("servo_jf", value, lambda: abs(bench.arm.measured_js().effort[3] - 0.8) < 0.05)
 
 
@@ -203,14 +221,14 @@ def test_move_and_interpolate(bench):
 
 
 def test_a_stream_takes_over_from_a_move(bench):
-    move = bench.arm.move_jp([0.8, *ZERO[1:]])
+    move = bench.arm.move_jp([3.0, *ZERO[1:]])
     eventually(lambda: bench.servos()[1]["velocity"] > 0.2, "it moves")
     bench.stream("servo_jv", ZERO, lambda: bench.device.part.kind is Kind.VELOCITY)
     with pytest.raises(MotionAborted):
         move.wait(LONG)
-    eventually(lambda: bench.arm.health().stream_timeouts == 1, "the stream ends")
+    until_stream_ended(bench)
     bench.until_still()
-    assert bench.servos()[1]["angle"] < 0.75
+    assert bench.servos()[1]["angle"] < 2.95
 
 
 def test_a_torque_that_is_lost_does_not_come_back_by_itself(bench):

@@ -4,11 +4,26 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from rigs.dynamixel_bench import PATIENT, driver_at, eventually, place, sim_for
+from crtk_driver_dynamixel import PLUGIN
+from crtk_driver_dynamixel.turns import TurnsFile
+from crtk_drivers.errors import ConnectionLost
+from rigs.dynamixel_bench import (
+    LONG,
+    PATIENT,
+    REGISTERS,
+    SYNC_READ,
+    configuration,
+    driver_at,
+    eventually,
+    patient,
+    place,
+    sim_for,
+)
 
 SCREW = {"id": 1, "model": "xm430-w350", "mode": "extended_position", "lower": -20.0, "upper": 20.0}
 FAR = 8.998
@@ -32,7 +47,7 @@ with driver_at(Sim(), {values!r}) as bench:
 @pytest.fixture
 def values(tmp_path):
     joints = {"screw": {**SCREW, "velocity": 3.0, "acceleration": 20.0}}
-    return {**PATIENT, "turns": str(tmp_path / "turns.yaml"), "joints": joints, "watchdog": 0.2}
+    return {**PATIENT, "turns": str(tmp_path / "turns.yaml"), "joints": joints, "watchdog": 1.0}
 
 
 @pytest.fixture
@@ -126,3 +141,131 @@ def test_turned_without_power_it_is_not_homed(sim, values):
 def test_without_a_file_nothing_is_taken_for_granted(sim, values):
     with driver_at(sim, values) as bench:
         assert not bench.status.is_homed
+
+
+# The device alone, as an I/O thread drives it.
+
+
+@pytest.fixture(autouse=True)
+def _patient():
+    with patient():
+        yield
+
+
+class Alone:
+    """A device in this thread, opened."""
+
+    def __init__(self, sim, values):
+        self.sim = sim
+        self.device = PLUGIN.create(configuration(sim, {**values, "fast_read": False}))
+        self.device.open(time.monotonic() + LONG)
+        self.sample = None
+        self.until(lambda: self.sample is not None, "it measures")
+
+    def read(self):
+        self.sample = self.device.read(time.monotonic() + 0.01) or self.sample
+
+    def do(self, steps):
+        for _ in steps:
+            self.read()
+
+    def until(self, test, what):
+        def reached():
+            self.read()
+            return test()
+
+        eventually(reached, what)
+
+    def die(self):
+        """As if the process had been killed: nothing is said any more, and nothing written."""
+        for bus in self.device.link._buses.values():
+            bus.close()
+
+    @property
+    def position(self) -> float:
+        return self.sample.values["measured_js"].position[0]
+
+    def assert_known(self):
+        assert self.device.is_homed
+        self.assert_position()
+
+    def assert_position(self):
+        assert self.position == pytest.approx(angle(self.sim), abs=6e-3)
+
+
+def turns_of(values):
+    return TurnsFile(values["turns"]).load()
+
+
+def shifts_of(values):
+    """Which are kept soon, by a thread of its own."""
+    found = turns_of(values)
+    return found.shifts if found else {}
+
+
+def test_turns_that_were_forgotten_meanwhile_are_not_believed_after_a_crash(sim, values):
+    """The shift that was found with the servo's restart is that of the file, too."""
+    place(sim, 1, 8.0)
+    alone = Alone(sim, values)
+    alone.do(alone.device.home())
+    alone.do(alone.device.enable())
+    sim.control.inject("overload", id=1)
+    alone.until(lambda: alone.device.condition.reason, "overload")
+    alone.do(alone.device.enable())
+    alone.assert_known()
+    eventually(lambda: shifts_of(values).get("main/1") == -4096, "it is kept")
+    alone.die()
+    Alone(sim, values).assert_known()
+
+
+def test_a_guess_is_no_more_than_that_after_a_crash(sim, values):
+    place(sim, 1, 8.0)
+    for _ in range(2):
+        alone = Alone(sim, values)
+        assert not alone.device.is_homed
+        alone.do(alone.device.enable())
+        alone.die()
+    alone = Alone(sim, values)
+    alone.do(alone.device.home())
+    eventually(lambda: shifts_of(values), "it is kept")
+    alone.die()
+    Alone(sim, values).assert_known()
+
+
+def test_a_line_that_is_lost_is_not_an_end_in_order(sim, values):
+    """Nobody knows what the servo does from then on: it may turn as far as it likes."""
+    close_in_order(sim, values)
+    assert turns_of(values).clean
+    alone = Alone(sim, values)
+    assert alone.device.is_homed
+    sim.control.inject("unplug")
+    with pytest.raises(ConnectionLost):
+        alone.until(lambda: False, "it is gone")
+    alone.device.close()
+    assert not turns_of(values).clean
+    place(sim, 1, angle(sim) + 6.283)
+    sim.control.clear()
+    assert not Alone(sim, values).device.is_homed
+
+
+def test_an_end_while_it_turns_is_not_one_in_order(sim, values):
+    close_in_order(sim, values)
+    alone = Alone(sim, values)
+    sim.control.inject("push", id=1, torque=0.5)
+    eventually(lambda: abs(sim.control.outputs()["bus1/1"]["velocity"]) > 1.0, "it turns")
+    alone.device.close()
+    assert not turns_of(values).clean
+
+
+def test_a_servo_that_does_not_say_whether_it_lost_its_power_is_not_back(sim, values):
+    place(sim, 1, 8.0)
+    alone = Alone(sim, {**values, "silent_timeout": 2.5})
+    link = alone.device.link
+    sim.control.inject("power_off")
+    alone.until(lambda: not link.answers(0), "it is silent")
+    asked = {"code": SYNC_READ, "address": REGISTERS["torque_enable"][0]}
+    sim.control.inject("message", **asked, times=4)
+    sim.control.clear("power_off")
+    alone.until(lambda: link.answers(0), "it is back")
+    assert sim.control.status()["buses"]["bus1"]["tampered"] == 4
+    alone.assert_position()

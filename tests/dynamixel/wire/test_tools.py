@@ -3,12 +3,13 @@
 import re
 from collections.abc import Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import pytest
 import yaml
 
-from crtk_driver_dynamixel import PLUGIN
+from crtk_driver_dynamixel import PLUGIN, chain_link, terminal
 from crtk_driver_dynamixel.bus import Bus
 from crtk_driver_dynamixel.calibration import load_calibration
 from crtk_driver_dynamixel.config import DynamixelConfig
@@ -18,7 +19,10 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_sim_backends.dynamixel import SIM
 from crtk_sim_backends.process import RunningSim
-from rigs.dynamixel_bench import HARMLESS, LONG, driver_at
+from rigs.dynamixel_bench import HARMLESS, LONG, PATIENT, driver_at
+
+IDS = "3-5,9"
+"""Of the servos, and one that is not there."""
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +37,13 @@ def tty(sim: RunningSim) -> str:
     return path
 
 
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let servos be late where a tool opens their line."""
+    monkeypatch.setattr(chain_link, "PATIENCE", 1.0)
+    monkeypatch.setattr(terminal, "Bus", partial(Bus, latency_budget=0.1))
+
+
 def run(*arguments: str) -> int:
     return main(["dynamixel", *arguments])
 
@@ -41,7 +52,7 @@ def test_scan_finds_servos_of_both_protocols_and_writes_a_configuration_that_hol
     tty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "arm.yaml"
-    arguments = ("--port", tty, "--ids", "1-10", "--bauds", "1000000", "--out", str(out))
+    arguments = ("--port", tty, "--ids", IDS, "--bauds", "1000000", "--out", str(out))
     assert run("scan", *arguments) == 0
     told = capsys.readouterr().out
     for part in ("xm430-w350", "xl330-m288", "ax-12a", f"written: {out}"):
@@ -59,7 +70,7 @@ def test_scan_finds_a_servo_whose_first_answer_is_lost(
 ) -> None:
     sim.control.inject("drop", every=3)
     try:
-        assert run("scan", "--port", tty, "--ids", "1-10", "--bauds", "1000000") == 0
+        assert run("scan", "--port", tty, "--ids", IDS, "--bauds", "1000000") == 0
     finally:
         sim.control.clear("drop")
     told = capsys.readouterr().out
@@ -168,10 +179,8 @@ def test_limits_of_the_configuration_go_into_the_servos_and_only_where_they_diff
     capsys: pytest.CaptureFixture[str],
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    with (
-        caplog.at_level("INFO"),
-        driver_at(sim, yaml.safe_load(Path(limited).read_text())) as bench,
-    ):
+    values = {**PATIENT, **yaml.safe_load(Path(limited).read_text())}
+    with caplog.at_level("INFO"), driver_at(sim, values) as bench:
         for _ in range(2):
             bench.enable()
             bench.arm.disable(timeout=LONG)
@@ -195,10 +204,7 @@ def test_limits_of_the_configuration_go_into_the_servos_and_only_where_they_diff
     assert "have the limits of the configuration" in capsys.readouterr().out
     assert {entry["code"] for entry in sim.control.trace(after=mark)} <= HARMLESS
     caplog.clear()
-    with (
-        caplog.at_level("INFO"),
-        driver_at(sim, yaml.safe_load(Path(limited).read_text())) as bench,
-    ):
+    with caplog.at_level("INFO"), driver_at(sim, values) as bench:
         bench.enable()
         assert bench.arm.move_jp([0.2, 0.1]).wait(LONG)
         bench.arm.disable(timeout=LONG)

@@ -99,7 +99,7 @@ def test_an_error_while_it_tracks_ends_that(bench: NdiBench, code: int) -> None:
 def test_a_warning_while_it_tracks_is_told_and_survived(
     bench: NdiBench, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench.sim.control.inject("warning", command="BX2", duration=0.2)
+    bench.sim.control.inject("warning", command="BX2")
     eventually(lambda: "WARNING06" in caplog.text, "a warning")
     bench.sim.control.clear("warning")
     frames = bench.counters["frames"]
@@ -171,7 +171,7 @@ def test_a_wired_tool_is_unplugged(bench: NdiBench) -> None:
 def test_another_client_stops_tracking(sim: RunningSim) -> None:
     with ndi_bench(sim) as bench:
         bench.tracking()
-        with socket.create_connection((sim.host, sim.ports["tcp"]), timeout=5.0) as other:
+        with socket.create_connection((sim.host, sim.ports["tcp"]), timeout=LONG) as other:
             other.sendall(command("TSTOP:"))
             assert other.recv(100) == b"OKAYA896\r"
         bench.state(S.DISABLED, "is there another client")

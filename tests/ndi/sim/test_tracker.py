@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from crtk_sim_backends.faults import Fault, check_fault
 from crtk_sim_backends.ndi import CommandSession, frames, wire
+from crtk_sim_backends.ndi.defects import TrackerDefects
 from crtk_sim_backends.ndi.families import FAMILIES
 from crtk_sim_backends.ndi.frames import Seen
 from crtk_sim_backends.ndi.handles import make_rom
@@ -35,6 +36,7 @@ class Lab:
             MOTIONS["circle"],
             0.0,
             left,
+            TrackerDefects(),
             lambda: self.now,
             lambda: round(self.now * 1e9),
         )
@@ -213,13 +215,13 @@ def test_what_is_out_of_the_volume_is_missing_unless_asked_for() -> None:
     assert "01MISSING" not in lab.ask("TX:0801")
 
 
-@pytest.mark.parametrize("code", range(1, 256))
-def test_every_error_can_be_had(code: int) -> None:
-    lab = Lab()
-    fault = lab.begin("error", command="INIT", code=code)
-    assert lab.ask("INIT:") == f"ERROR{code:02X}"
-    lab.tracker.end(fault)
-    assert lab.ask("INIT:") == "OKAY"
+def test_every_error_can_be_had() -> None:
+    for code in range(1, 256):
+        lab = Lab()
+        fault = lab.begin("error", command="INIT", code=code)
+        assert lab.ask("INIT:") == f"ERROR{code:02X}"
+        lab.tracker.end(fault)
+        assert lab.ask("INIT:") == "OKAY", code
 
 
 @given(st.binary(max_size=200))

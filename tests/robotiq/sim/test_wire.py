@@ -146,7 +146,9 @@ def test_a_serial_unit_keeps_silent(sim: RunningSim, frame: str) -> None:
     with talk(sim, "tool") as ask:
         peer_question = hexed("09 03 07D0 0001 85CF")
         assert ask(hexed(frame), 0) == b""
-        time.sleep(0.05)
+        clock = lambda: sim.control.status()["time"]  # noqa: E731
+        forgotten = clock() + 0.05
+        eventually(lambda: clock() > forgotten, "a pause")
         assert ask(peer_question, 7)[:3] == hexed("09 03 02")
 
 
@@ -171,12 +173,15 @@ def test_clients_of_the_tool_share_one_line(sim: RunningSim) -> None:
         for peer in heard:
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for count in range(1, 21):
-            one.sendall(question[:4])
-            time.sleep(0.003)
-            other.sendall(question[4:])
             while sum(map(len, heard.values())) < 7 * count:
-                for peer in select.select([one, other], [], [], 5.0)[0]:
-                    heard[peer] += peer.recv(100)
+                one.sendall(question[:4])
+                time.sleep(0.003)  # halves that come apart by more are no request
+                other.sendall(question[4:])
+                while found := select.select([one, other], [], [], 1.0)[0]:
+                    for peer in found:
+                        heard[peer] += peer.recv(100)
+                    if sum(map(len, heard.values())) >= 7 * count:
+                        break
     answer = hexed("09 03 02 0000 5985")
     assert all(answer in data for data in heard.values())
     assert any(len(data) != 7 * data.count(answer) for data in heard.values())

@@ -8,8 +8,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_robotiq.modbus import Mbap, Question, Rtu, crc, read, read_write, write
-from crtk_driver_robotiq.registers import Activation, Command, Contact, Status
+from crtk_driver_robotiq.links import GripperRegisters
+from crtk_driver_robotiq.registers import STATUS, Activation, Command, Contact, Status
+from crtk_drivers.kit import modbus_frames
+from crtk_drivers.kit.modbus_frames import Mbap, Question, Rtu, crc
+
+REGISTERS = GripperRegisters()
+write = REGISTERS.aside
+
+
+def read(function: int) -> Question:
+    return modbus_frames.read(STATUS, 3, function)
+
+
+read_write = REGISTERS.write
 
 
 def hexed(text: str) -> bytes:
@@ -18,20 +30,20 @@ def hexed(text: str) -> bytes:
 
 KNOWN = {
     "reset": (
-        write(Command(activate=False).block),
+        write(Command(activate=False)),
         "09 10 03E8 0003 06 0000 0000 0000 7330",
     ),
-    "activate": (write(Command().block), "09 10 03E8 0003 06 0100 0000 0000 72E1"),
+    "activate": (write(Command()), "09 10 03E8 0003 06 0100 0000 0000 72E1"),
     "close": (
-        write(Command(go=True, position=255, speed=255, force=255).block),
+        write(Command(go=True, position=255, speed=255, force=255)),
         "09 10 03E8 0003 06 0900 00FF FFFF 4229",
     ),
     "open": (
-        write(Command(go=True, position=0, speed=255, force=255).block),
+        write(Command(go=True, position=0, speed=255, force=255)),
         "09 10 03E8 0003 06 0900 0000 FFFF 7219",
     ),
     "close and read": (
-        read_write(Command(go=True, position=255, speed=255, force=255).block),
+        read_write(Command(go=True, position=255, speed=255, force=255)),
         "09 17 07D0 0003 03E8 0003 06 0900 00FF FFFF E63E",
     ),
     "read three": (read(4), "09 04 07D0 0003 B1CE"),
@@ -85,7 +97,7 @@ def test_both_halves_of_the_fault_byte() -> None:
 
 def test_the_answer_to_a_write_and_an_exception() -> None:
     line = Rtu(9)
-    line.ask(write(Command().block))
+    line.ask(write(Command()))
     assert line.feed(hexed("09 10 03E8 0003 0130")) == hexed("10 03E8 0003")
     line.ask(read(3))
     assert line.feed(hexed("09 83 02 4133")) == b"\x83\x02"
@@ -178,9 +190,9 @@ def test_what_is_not_modbus_tcp_is_refused() -> None:
 def test_a_command_aside_changes_nothing_of_what_is_waited_for() -> None:
     line, tcp = Rtu(9), Mbap(9)
     line.ask(read(3))
-    assert line.aside(write(Command().block)) == hexed(KNOWN["activate"][1])
+    assert line.aside(write(Command())) == hexed(KNOWN["activate"][1])
     assert line.feed(framed(b"\x09\x10\x03\xe8\x00\x03")) is None
     assert line.feed(framed(b"\x09\x03\x06" + bytes(6))) == b"\x03\x06" + bytes(6)
     tcp.ask(read(3))
-    assert tcp.aside(write(Command().block))[:2] == b"\0\0"
+    assert tcp.aside(write(Command()))[:2] == b"\0\0"
     assert tcp.feed(hexed("0001 0000 0009 09 03 06") + bytes(6)) == b"\x03\x06" + bytes(6)

@@ -9,12 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crtk_driver_robotiq.config import RobotiqConfig
-from crtk_driver_robotiq.faults import CONTROLLER, GRIPPER, Weight, fault_of
-from crtk_driver_robotiq.grip import LAG, OTHERS, Doing, Grip
+from crtk_driver_robotiq.faults import CONTROLLER, GRIPPER, fault_of
+from crtk_driver_robotiq.grip import LAG, Grip
 from crtk_driver_robotiq.registers import Activation, Command, Contact, Status
 from crtk_driver_robotiq.scale import Scale
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.kit.gripping import HELD, Doing, Weight
+from crtk_drivers.kit.gripping.echo import OTHERS
 
 SCALE = Scale(3, 230, 0.085, (0.02, 0.15))
 
@@ -44,6 +46,22 @@ def test_an_opening_is_sent_to_half_a_count(opening: float) -> None:
 )
 def test_speeds_have_a_least_and_a_greatest(speed: float, count: int) -> None:
     assert SCALE.speed(speed) == count
+
+
+@pytest.mark.parametrize(
+    ("requested", "position", "stop"),
+    [(255, 100, 104), (0, 100, 96), (102, 100, 102), (99, 100, 99), (100, 100, 100)],
+)
+def test_a_stop_is_ahead_of_the_fingers_and_not_beyond_their_goal(
+    requested: int, position: int, stop: int
+) -> None:
+    assert replace(HOLDS, requested=requested, position=position).ahead(4) == stop
+
+
+def test_fingers_go_on_at_the_speed_that_was_sent() -> None:
+    assert SCALE.gone(255, 0.01) == 5
+    assert SCALE.gone(0, 0.01) == 1
+    assert SCALE.gone(0, 0.0) == 0
 
 
 def test_the_fault_table_has_each_code_of_the_manual() -> None:
@@ -81,8 +99,7 @@ def test_the_controllers_fault_counts_first_and_an_unknown_one_stops() -> None:
 def test_what_it_holds_when_a_connection_begins_is_known() -> None:
     grip = Grip()
     grip.see(HOLDS, 0.0)
-    assert grip.doing is Doing.CLOSED_ONTO
-    assert grip.may_hold
+    assert grip.doing is Doing.HOLDS
 
 
 def test_gobj_counts_after_the_echo_only() -> None:
@@ -108,7 +125,7 @@ def test_gobj_counts_at_once_after_motion_was_seen() -> None:
     grip.delivered(CLOSE, 0.0)
     grip.see(replace(HOLDS, contact=Contact.MOVING), 0.02)
     grip.see(HOLDS, 0.03)
-    assert grip.holds
+    assert grip.doing in HELD
 
 
 def test_gobj_lags_behind_the_echo_of_others_too() -> None:
@@ -123,7 +140,7 @@ def test_without_gto_gobj_does_not_count() -> None:
     grip = Grip()
     grip.see(replace(HOLDS, goes=False), 0.0)
     assert grip.doing is Doing.STOPPED
-    assert not grip.holds
+    assert grip.doing not in HELD
 
 
 def test_an_object_that_is_gone_is_told_until_the_next_command() -> None:
@@ -133,10 +150,19 @@ def test_an_object_that_is_gone_is_told_until_the_next_command() -> None:
     assert grip.doing is Doing.LOST
     grip.see(replace(HOLDS, contact=Contact.AT_REQUEST), 0.2)
     assert grip.doing is Doing.LOST
-    assert not grip.may_hold
     grip.delivered(replace(CLOSE, position=0), 0.3)
     grip.see(replace(HOLDS, contact=Contact.MOVING, requested=0), 0.4)
     assert grip.doing is Doing.MOVING
+
+
+def test_fingers_that_close_where_something_was_move() -> None:
+    grip = Grip()
+    grip.see(HOLDS, 0.0)
+    assert not grip.moves
+    grip.see(replace(HOLDS, contact=Contact.MOVING), 0.1)
+    assert (grip.doing, grip.moves) == (Doing.LOST, True)
+    grip.see(replace(HOLDS, contact=Contact.AT_REQUEST), 0.2)
+    assert (grip.doing, grip.moves) == (Doing.LOST, False)
 
 
 def test_letting_go_by_command_loses_nothing() -> None:
@@ -149,26 +175,17 @@ def test_letting_go_by_command_loses_nothing() -> None:
     assert grip.doing is Doing.THERE
 
 
-def test_power_that_goes_leaves_the_doubt_that_it_holds() -> None:
-    grip = Grip()
-    grip.see(HOLDS, 0.0)
-    grip.begin()
-    grip.see(replace(HOLDS, activation=Activation.RESET, goes=False), 1.0)
-    assert grip.doing is Doing.INACTIVE
-    assert grip.may_hold
-
-
 def test_an_echo_of_somebody_else_is_another_master() -> None:
     grip = Grip()
     grip.delivered(CLOSE, 0.0)
     other = replace(HOLDS, requested=10)
     grip.see(other, 0.1)
-    assert not grip.taken_over, "an echo may be late"
+    assert not grip.echo.taken_over, "an echo may be late"
     grip.see(other, 0.1 + 2 * OTHERS)
-    assert grip.taken_over
-    grip.adopt()
+    assert grip.echo.taken_over
+    grip.echo.adopt()
     grip.see(other, 1.0)
-    assert not grip.taken_over
+    assert not grip.echo.taken_over
 
 
 def test_radians_are_a_choice() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,8 +14,10 @@ from crtk_driver_robotiq.urcap import EACH, IN_TURN, Answers, get_line, set_line
 
 def test_lines_that_are_sent() -> None:
     moving = Command(go=True, position=100, speed=255, force=7)
-    assert set_line(moving) == b"SET ACT 1 POS 100 SPE 255 FOR 7 GTO 1\n"
+    assert set_line(moving) == b"SET POS 100 SPE 255 FOR 7 GTO 1\n"
+    assert set_line(replace(moving, only_goal=True)) == b"SET POS 100 SPE 255 FOR 7\n"
     assert set_line(Command()) == b"SET ACT 1 GTO 0\n"
+    assert set_line(Command(position=100, halts=True)) == b"SET GTO 0\n", "activates nothing"
     assert set_line(Command(activate=False)) == b"SET ACT 0 GTO 0\n"
     assert get_line("POS") == b"GET POS\n"
 
@@ -26,6 +30,12 @@ def test_an_answer_with_an_end_may_be_cut_anywhere(value: int, cut: int) -> None
     if first is None:
         assert answers.value("POS", line[cut:]) == value
     assert answers.ends_lines
+
+
+def test_what_has_no_end_is_none() -> None:
+    answers = Answers()
+    with pytest.raises(ValueError, match="and goes on"):
+        answers.value("POS", b"POS 1" + b"1" * 100)
 
 
 def test_an_answer_without_an_end_is_whole_when_it_is_quiet() -> None:

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import pty
+import queue
 import re
 import signal
+import subprocess
+import sys
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,19 +24,24 @@ import yaml
 from geometry_msgs.msg import TwistStamped
 
 from crtk_drivers import client
+from crtk_drivers.cli import move_command
 from crtk_drivers.cli.echo_command import as_yaml
-from crtk_drivers.client import RemoteDevice
+from crtk_drivers.client import RemoteDevice, move_handle
 from crtk_drivers.device import Condition
 from crtk_drivers.errors import CommandRefused
+from crtk_drivers.front import base
 from crtk_drivers.samples import Pose
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
-from rigs.loopback_client import Far, far_device
-from rigs.loopback_node import serve, until
+from rigs.loopback_client import Far, Node, far_device
+from rigs.loopback_node import serve, slowly, until
 from rigs.ros_client import TIMEOUT
 
 pytestmark = pytest.mark.ros
 NAMESPACE = "/client_commands"
+
+FOUND = ("--timeout", str(TIMEOUT))
+"""On a busy machine."""
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -61,11 +74,18 @@ def run(run_far: Run, far: Far, monkeypatch: pytest.MonkeyPatch) -> Run:
     return run_far
 
 
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For what is waited for in vain, the setpoint of what is DISABLED."""
+    monkeypatch.setattr(base, "DEFAULT_WAIT", 3.0)
+
+
+@pytest.mark.usefixtures("soon")
 def test_state_tells_who_is_there_and_how_one_is(far: Far, run_far: Run) -> None:
     code, out, _ = run_far("state")
     assert code == 0
     assert re.search(rf"^{NAMESPACE} +DISABLED  homed", out, re.MULTILINE)
-    code, out, _ = run_far("state", NAMESPACE)
+    code, out, _ = run_far("state", NAMESPACE, *FOUND)
     assert code == 0
     assert "DISABLED  homed\nnext: crtk-driver enable /client_commands\n" in out
     assert re.search(r"^joint_x +0\.0000 +-1 \.\. 1$|^x +0\.0000", out, re.MULTILINE)
@@ -73,9 +93,10 @@ def test_state_tells_who_is_there_and_how_one_is(far: Far, run_far: Run) -> None
     assert "move_jp/jr" in out
 
 
+@pytest.mark.usefixtures("soon")
 def test_state_tells_the_reason_of_a_fault(far: Far, run: Run) -> None:
     far.device.reported = Condition(OperatingState.FAULT, "the door is open")
-    until(lambda: far.engine.status.state is OperatingState.FAULT, "the fault is seen")
+    until(lambda: far.arm.operating_state().state is OperatingState.FAULT, "the fault is heard of")
     code, out, _ = run("state", NAMESPACE)
     assert code == 0
     assert re.search(r"^FAULT  homed\nreason: .*the door is open", out, re.MULTILINE)
@@ -91,7 +112,8 @@ def test_state_tells_that_a_driver_is_connecting(run_far: Run) -> None:
             super().open(deadline)
 
     namespace, settings = "/client_connecting", LoopbackConfig(open_timeout=60.0)
-    with serve(settings, namespace, [], plugin=replace(PLUGIN, create=Slow)):
+    plugin = replace(PLUGIN, create=Slow)
+    with serve(settings, namespace, [], plugin=plugin, connects=False):
         try:
             code, out, _ = run_far("state", namespace)
             _, everybody, _ = run_far("state")
@@ -142,7 +164,8 @@ def test_moves(far: Far, run: Run) -> None:
         code, out, err = run("move", NAMESPACE, *arguments)
         assert (code, err) == (0, "")
         assert re.match(r"reached in \d+\.\d s\n", out)
-        assert np.allclose(far.arm.setpoint_jp(), goal, atol=1e-3)
+        # What told that it is reached may be another topic.
+        until(lambda: np.allclose(far.arm.setpoint_jp(), goal, atol=1e-3), f"it is at {goal}")
 
     arrives([0.02, -0.03, 0.0, 0.1], "0.02", "-0.03", "-0e-3", ".1")
     arrives([0.02, -0.03, 0.01, 0.1], f"{names[2]}=0.01")
@@ -186,7 +209,8 @@ def test_an_interrupt_holds_the_arm(far: Far, run: Run) -> None:
 
     thread = threading.Thread(target=interrupt)
     thread.start()
-    code, _, err = run("move", NAMESPACE, "0.95", "0", "0", "0")
+    with slowly(far.engine):
+        code, _, err = run("move", NAMESPACE, "0.95", "0", "0", "0")
     thread.join()
     assert code == 130
     assert "was told to hold, and stands" in err
@@ -195,11 +219,69 @@ def test_an_interrupt_holds_the_arm(far: Far, run: Run) -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_a_move_that_never_begins_is_followed_by_a_hold(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its command is late, or lost: it must move nothing when nobody looks any more."""
+    far.arm.enable()
+    came: list[str] = []
+    monkeypatch.setattr(far.engine, "submit", lambda name, *rest, **more: came.append(name))
+    monkeypatch.setattr(move_handle, "ACCEPT_TIMEOUT", 0.05)
+    monkeypatch.setattr(move_command, "START_TIMEOUT", 0.0)
+    code, _, err = run("move", NAMESPACE, "0.95", "0", "0", "0")
+    assert code == 1
+    assert "was never busy" in err
+    until(lambda: came == ["move_jp", "hold"], "it is told to hold")
+
+
+@pytest.mark.slow
+def test_a_terminal_that_is_gone_holds_the_arm(far: Far) -> None:
+    """What is written there fails, also while it is taken away what showed how it goes."""
+    far.arm.enable()
+    ours, theirs = pty.openpty()
+    child = subprocess.Popen(
+        [sys.executable, "-m", "crtk_drivers.cli", "move", NAMESPACE, "0.95", "0", "0", "0"],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )
+    os.close(theirs)
+    os.set_blocking(ours, False)
+
+    def moves() -> bool:
+        with suppress(BlockingIOError):  # it would wait for room in the terminal
+            os.read(ours, 65536)
+        return far.arm.is_busy()
+
+    with slowly(far.engine):
+        until(moves, "it moves")
+        os.close(ours)
+        child.wait(30.0)
+    until(lambda: not far.arm.is_busy(), "it is held")
+    assert far.arm.setpoint_jp()[0] < 0.9
+
+
 def test_echo_tells_what_was_said_before(far: Far, run_far: Run) -> None:
     with pytest.raises(CommandRefused):
         far.arm.move_jp([0.0] * 4)
-    _, out, _ = run_far("echo", NAMESPACE, "refusals", "--once")
+    code, out, err = run_far("echo", NAMESPACE, "refusals", "--once", *FOUND)
+    assert code == 0, err
     assert "move_jp" in yaml.safe_load(out)["data"]
+
+
+def test_what_was_said_before_is_told_whoever_heard_it_already(far: Far) -> None:
+    with pytest.raises(CommandRefused):
+        far.arm.move_jr([0.1] * 4)
+    first: queue.Queue[str] = queue.Queue()
+    end = far.arm.on_message("refusals", lambda message: first.put(message.data))
+    while "move_jr" not in (newest := first.get(timeout=TIMEOUT)):
+        pass
+    second: list[str] = []
+    end_second = far.arm.on_message("refusals", lambda message: second.append(message.data))
+    end(), end_second()
+    assert second == [newest]
 
 
 def test_echo(far: Far, run: Run) -> None:
@@ -264,7 +346,7 @@ def test_a_frame_is_named_as_on_its_topic(far: Far) -> None:
 def test_a_namespace_may_end_with_a_slash_and_a_wrong_one_is_named_as_it_was_given(
     far: Far, run_far: Run
 ) -> None:
-    assert run_far("hold", f"{NAMESPACE}/")[0] == 0
+    assert run_far("hold", f"{NAMESPACE}/", *FOUND)[0] == 0
     code, _, err = run_far("hold", "/client commands")
     assert code == 2
     assert "error: '/client commands' is not a namespace" in err
@@ -275,8 +357,12 @@ def test_yaml_is_written_in_the_characters_of_the_text() -> None:
     assert as_yaml({"message": "0 N·m"}) == "{message: 0 N·m}\n"
 
 
-def test_nobody_there_says_who_is(far: Far, run_far: Run) -> None:
-    code, out, err = run_far("enable", "/nobody", "--timeout", "3.5")
+def test_nobody_there_says_who_is(far: Far, run_far: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    with Node("who_knows") as mine:
+        topic = f"{NAMESPACE}/operating_state"
+        until(lambda: mine.node.count_publishers(topic), "it knows who is there")
+        monkeypatch.setattr(client, "connect", partial(client.connect, node=mine.node))
+        code, out, err = run_far("enable", "/nobody", "--timeout", "0.5")
     assert (code, out) == (1, "")
     assert f"CRTK devices are at: {NAMESPACE}" in err
     assert far.engine.status.state is OperatingState.DISABLED

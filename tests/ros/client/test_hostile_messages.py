@@ -18,8 +18,9 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 
 from crtk_drivers.client import RemoteDevice, connect
 from crtk_drivers.client.discovery import Catalogue
-from crtk_drivers.client.goals import goal_test
+from crtk_drivers.client.goals import arrival_of
 from crtk_drivers.client.inbox import Inbox, Received, Unreadable
+from crtk_drivers.commands import find
 from crtk_drivers.errors import DataTimeout
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
@@ -89,7 +90,7 @@ def test_it_counts_once_however_often_it_is_asked_for(inbox: Inbox) -> None:
 
 
 def test_a_move_is_not_taken_for_arrived(inbox: Inbox) -> None:
-    at_goal = goal_test(inbox, SIX)
+    at_goal = arrival_of(find("move_jp"), inbox, SIX, None, 0).at_goal
     inbox.receive(joints())
     assert at_goal() is True
     inbox.receive(joints()[:-20])
@@ -145,6 +146,7 @@ def ends() -> Iterator[tuple[RemoteDevice, Other]]:
 def test_feedback_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
     arm, other = ends
     inbox = arm._space.connected("measured_js")
+    until(other.joints.get_subscription_count, "they have met")
     bad = (*BAD.values(), unlike_sizes())
     for number, data in enumerate(bad):
         other.joints.publish(joints(number))
@@ -166,6 +168,7 @@ def test_feedback_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
 def test_what_was_never_anything_else_is_told_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
     arm, other = ends
     inbox = arm._space.connected("setpoint_js")
+    until(other.setpoint.get_subscription_count, "they have met")
     other.setpoint.publish(b"")
     until(lambda: inbox.unreadable == 1, "it was looked at")
     with pytest.raises(DataTimeout, match=r"setpoint_js: it begins with nothing"):
@@ -179,6 +182,7 @@ def test_operating_state_and_refusals_over_dds(ends: tuple[RemoteDevice, Other])
         b"ENABLED", b"EXPLODE"
     )
     refusals = tracker.subscribe()[1]
+    until(other.told.get_subscription_count, "they have met")
     for box, publisher, data in (
         (tracker.inbox, other.state, unknown),
         (tracker.inbox, other.state, unknown[:-9]),

@@ -9,15 +9,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from crtk_drivers.client import RemoteDevice, connect
+from crtk_drivers.client import RemoteDevice, connect, move_handle
+from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.device import Condition
-from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason, TransitionFailed
 from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import Pose
-from crtk_drivers.state import OperatingState
+from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Far, far_device
-from rigs.loopback_node import until
+from rigs.loopback_node import slowly, until
 from rigs.ros_client import TIMEOUT
 
 HERE = [0.0, 0.0, 0.0, 0.0]
@@ -44,6 +44,57 @@ def second(shared_far: Far) -> Iterator[RemoteDevice]:
         yield other
 
 
+def test_a_setpoint_of_before_the_end_tells_of_no_stop_away_from_the_goal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Status and setpoint are two topics: the thread that hears them may be stopped in between."""
+    monkeypatch.setattr(move_handle, "SETTLE_TIME", 0.0)
+    begun = time.monotonic()
+    for at, outcome in ((True, Outcome.REACHED), (False, Outcome.ABORTED)):
+        told: list[tuple[bool, float]] = [(False, begun)]
+        move = RemoteMove(
+            "move_jp",
+            stamp_ns=1,
+            was_busy=False,
+            refused_before=False,
+            at_goal=lambda told=told: told[-1][0],  # type: ignore[misc]
+            lost=lambda: "",
+            told_at=lambda told=told: told[-1][1],  # type: ignore[misc]
+        )
+        for busy in (True, False):
+            move.status_changed(Status(OperatingState.ENABLED, is_homed=True, is_busy=busy))
+        time.sleep(1e-3)
+        assert move.is_busy()
+        told.append((at, time.monotonic()))
+        assert not move.is_busy()
+        assert move.outcome is outcome
+
+
+def test_a_stop_before_anything_of_the_way_was_told_is_no_arrival(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Somebody else's hold, while the device tells no valid setpoint yet, or not the goal."""
+    monkeypatch.setattr(move_handle, "ACCEPT_TIME", -1.0)  # busy was seen for long enough
+    monkeypatch.setattr(move_handle, "SETTLE_TIME", 0.0)
+    told: list[tuple[bool | None, float]] = [(None, time.monotonic())]
+    move = RemoteMove(
+        "move_jr",
+        stamp_ns=1,
+        was_busy=False,
+        refused_before=False,
+        at_goal=lambda: told[-1][0],
+        lost=lambda: "",
+        told_at=lambda: told[-1][1],
+    )
+    for busy in (True, False):
+        move.status_changed(Status(OperatingState.ENABLED, is_homed=True, is_busy=busy))
+    time.sleep(1e-3)
+    assert move.is_busy()
+    told.append((False, time.monotonic()))
+    assert not move.is_busy()
+    assert move.outcome is Outcome.ABORTED
+
+
 def test_a_move_reaches_its_goal(far: Far) -> None:
     far.arm.enable()
     move = far.arm.move_jp(THERE)
@@ -65,10 +116,12 @@ def test_relative_and_cartesian_moves(far: Far) -> None:
     assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
     assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
     until(lambda: np.allclose(far.arm.setpoint_jp(), [0.04, 0.0, 0.0, 0.0], atol=1e-6), "the end")
+    until(lambda: np.allclose(far.arm.setpoint_cp().position, [0.04, 0.0, 0.0], atol=1e-6), "too")
     pose = far.arm.setpoint_cp()
     goal = Pose(pose.position + np.array([0.0, 0.0, 0.05]), pose.orientation, pose.frame_id)
     assert far.arm.move_cp(goal).wait(TIMEOUT)
-    assert np.allclose(far.arm.setpoint_jp(), [0.04, 0.0, 0.05, 0.0], atol=1e-3)
+    goal_jp = [0.04, 0.0, 0.05, 0.0]
+    until(lambda: np.allclose(far.arm.setpoint_jp(), goal_jp, atol=1e-3), "the joints, too")
 
 
 def test_a_refused_move_raises_from_the_call(far: Far) -> None:
@@ -91,8 +144,9 @@ def test_a_refusal_that_the_driver_holds_back_is_waited_for(far: Far) -> None:
 
 def test_a_newer_move_takes_its_place(far: Far) -> None:
     far.arm.enable()
-    first = far.arm.move_jp(FAR_AWAY)
-    second = far.arm.move_jp(HERE)
+    with slowly(far.engine):
+        first = far.arm.move_jp(FAR_AWAY)
+        second = far.arm.move_jp(HERE)
     with pytest.raises(MotionAborted, match=r"pre-empted: by move_jp"):
         first.wait(TIMEOUT)
     assert second.wait(TIMEOUT)
@@ -101,34 +155,59 @@ def test_a_newer_move_takes_its_place(far: Far) -> None:
 
 def test_hold_ends_a_move(far: Far) -> None:
     far.arm.enable()
-    move = far.arm.move_jp(FAR_AWAY)
-    far.arm.hold()
-    with pytest.raises(MotionAborted, match=r"pre-empted: by hold"):
-        move.wait(TIMEOUT)
+    with slowly(far.engine):
+        move = far.arm.move_jp(FAR_AWAY)
+        far.arm.hold()
+        with pytest.raises(MotionAborted, match=r"pre-empted: by hold"):
+            move.wait(TIMEOUT)
 
 
 def test_a_fault_ends_a_move(far: Far) -> None:
     far.arm.enable()
-    move = far.arm.move_jp(FAR_AWAY)
-    far.device.reported = Condition(OperatingState.FAULT, "stuck")
-    with pytest.raises(MotionAborted, match=r"aborted: the device is FAULT"):
-        move.wait(TIMEOUT)
+    with slowly(far.engine):
+        move = far.arm.move_jp(FAR_AWAY)
+        far.device.reported = Condition(OperatingState.FAULT, "stuck")
+        with pytest.raises(MotionAborted, match=r"aborted: the device is FAULT"):
+            move.wait(TIMEOUT)
 
 
 def test_waiting_has_a_timeout(far: Far) -> None:
     far.arm.enable()
-    move = far.arm.move_jp(FAR_AWAY)
-    assert not move.wait(timeout=0.05)
-    assert move.is_busy()
-    assert move.outcome is Outcome.RUNNING
+    with slowly(far.engine):
+        move = far.arm.move_jp(FAR_AWAY)
+        assert not move.wait(timeout=0.05)
+        assert move.is_busy()
+        assert move.outcome is Outcome.RUNNING
 
 
 def test_another_clients_hold_ends_a_move(far: Far, second: RemoteDevice) -> None:
     far.arm.enable()
-    move = far.arm.move_jp(FAR_AWAY)
-    second.hold()
-    with pytest.raises(MotionAborted, match=r"stopped away from its goal"):
-        move.wait(TIMEOUT)
+    with slowly(far.engine):
+        move = far.arm.move_jp(FAR_AWAY)
+        second.hold()
+        with pytest.raises(MotionAborted, match=r"stopped away from its goal"):
+            move.wait(TIMEOUT)
+
+
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [
+        ("move_jr", [0.9, 0.0, 0.0, 0.0]),
+        ("move_cr", [0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+        ("body/move_cr", [0.9, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+    ],
+)
+def test_another_clients_hold_ends_a_relative_move(
+    far: Far, second: RemoteDevice, name: str, way: list[float]
+) -> None:
+    far.arm.enable()
+    space, _, base = name.rpartition("/")
+    begins = getattr(far.arm.child(space) if space else far.arm, base)
+    with slowly(far.engine):
+        move = begins(way)
+        second.hold()
+        with pytest.raises(MotionAborted, match=r"stopped away from its goal"):
+            move.wait(TIMEOUT)
 
 
 def test_another_clients_refusal_is_not_mine(far: Far, second: RemoteDevice) -> None:
@@ -149,10 +228,12 @@ def test_two_clients_see_the_same(far: Far, second: RemoteDevice) -> None:
 def test_slow_transitions() -> None:
     with far_device("/client_slow", transition_time=0.6, needs_homing=True) as far:
         arm = far.arm
+        far.device.transition_time = 4.0
         with pytest.raises(TransitionFailed, match=r"enable did not end in time: .* DISABLED"):
             arm.enable(timeout=0.2)
         with pytest.raises(CommandRefused, match=r"enable is running"):
             arm.enable()
+        far.device.transition_time = 0.6
         move = arm.move_jp([0.01, 0.0, 0.0, 0.0])
         assert move.wait(TIMEOUT)
         assert arm.is_enabled()
@@ -167,16 +248,33 @@ def test_slow_transitions() -> None:
         assert arm.move_jp(np.zeros(4)).wait(TIMEOUT)
         assert arm.is_homed()
         arm.disable()
-        other = threading.Timer(0.2, _refused_for_somebody_else, (far.engine,))
+        far.device.transition_time = 4.0
+        other = threading.Thread(target=_refused_for_somebody_else, args=(far,))
         other.start()
         arm.enable()  # a refusal of somebody else's is none of ours
         other.join()
         arm.disable()
-        threading.Timer(0.2, lambda: setattr(far.device, "reachable", False)).start()
+        far.device.transition_time = 4.0
+        other = threading.Thread(target=_lost_meanwhile, args=(far,))
+        other.start()
         with pytest.raises(TransitionFailed, match=r"enable ended in FAULT.*/diagnostics"):
             arm.enable()
+        other.join()
 
 
-def _refused_for_somebody_else(engine: Engine) -> None:
+def _lost_meanwhile(far: Far) -> None:
+    _until_enabling(far)
+    far.device.reachable = False
+
+
+def _until_enabling(far: Far) -> None:
+    """Of a `disable`, which is sent twice, the second may be carried out late."""
+    transitions = far.engine._transitions
+    until(lambda: transitions.leads_to is OperatingState.ENABLED, "enable is running")
+
+
+def _refused_for_somebody_else(far: Far) -> None:
+    _until_enabling(far)
     with pytest.raises(CommandRefused):
-        engine.state_command("resume", stamp_ns=5)
+        far.engine.state_command("resume", stamp_ns=5)
+    far.device.transition_time = 0.0  # it may end

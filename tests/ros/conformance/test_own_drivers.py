@@ -30,20 +30,41 @@ PATIENT = ("--set", "sample_timeout=3.0")
 """A busy machine is no fault."""
 DRIVERS = {
     "loopback": PATIENT,
-    "virtual": PATIENT,
-    "ur": ("--sim", *PATIENT, "--set", "watchdog_frequency=2.0"),
-    "dynamixel": ("--sim", *PATIENT),
+    "virtual": (*PATIENT, "--set", "rate=100"),
+    "ur": ("--sim", *PATIENT, "--set", "watchdog_frequency=2.0", "--set", "frequency=125"),
+    "dynamixel": ("--sim", *PATIENT, "--set", "rate=100"),
     "canopen": ("--sim", *PATIENT),
     "robotiq": ("--sim", *PATIENT),
+    "onrobot": ("--sim", *PATIENT),
+    "ros2-control": ("--sim", *PATIENT),
+    "schunk": ("--sim", *PATIENT),
+    "weiss-wsg": ("--sim", *PATIENT),
+    "schunk-fts": ("--sim", "--sim-set=tcp_port=0", *PATIENT),
+    "optoforce": ("--sim", *PATIENT),
+    "raven": ("--sim", "--sim-set=port=0", *PATIENT),
     "ati-netft": ("--sim", *PATIENT),
     "ndi": ("--sim", *PATIENT),
+    "haply": ("--sim", *PATIENT, "--set", "rate=100"),
+    "force-dimension": ("--sim", "--model", "delta.3", *PATIENT, "--set", "rate=100"),
+    "openhaptics": ("--sim", *PATIENT, "--set", "rate=100"),
+    "inputs": ("--sim", "--link", "spacenavd", *PATIENT),
 }
 MOVED = ("loopback",)
 """Those that are moved too: simulators of hardware fall behind on a busy machine."""
-NOT_MOVED = ("ati-netft", "ndi")
+NOT_MOVED = (
+    "ati-netft",
+    "force-dimension",
+    "haply",
+    "inputs",
+    "ndi",
+    "openhaptics",
+    "optoforce",
+    "raven",
+    "schunk-fts",
+)
 """Those that nothing moves: trials of states end where they would look at joints."""
-LEAST = {"ndi": 16}
-"""Clauses that have something to look at: what a tracker sees its tools tell."""
+LEAST = {"ndi": 16, "raven": 16}
+"""Clauses that have something to look at: what a tracker sees its tools tell, and of Raven its arms."""
 MOTION = ("MOV-4", "MOV-12", "MOV-16", "MOV-18", "MOV-22", "STA-13", "BSY-3")
 """Clauses of the trials with joints, which decide others as well."""
 STATES = ("STA-5", "MOV-2", "SPT-9")

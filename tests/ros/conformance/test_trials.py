@@ -20,7 +20,7 @@ from crtk_drivers.client.conformance.probe import ros_probe
 from crtk_drivers.client.conformance.probe.ears import Ears
 from crtk_drivers.client.conformance.probe.examining import try_out
 from crtk_drivers.client.conformance.rounds import judge
-from crtk_drivers.client.conformance.trial import Leave
+from crtk_drivers.client.conformance.trial import Leave, Opening, Told
 from rigs import student_device, student_gantry
 from rigs.examined_student import QUICK, check, clauses_of, names_of
 from rigs.stepped_ros import Node, Wire
@@ -29,7 +29,7 @@ from rigs.student_device import StudentDevice
 from rigs.student_gantry import PLACE
 
 LISTEN = 1.5
-PERIOD, FINE = 0.02, 0.01
+PERIOD, FINE, COARSE = 0.02, 0.01, 0.1
 """Seconds of a step: the device in real time has the fine one. Most of what is reckoned are messages."""
 SERVICES = {"STA-4", "DAT-19", "DAT-20", "DAT-21", "CLI-2"}
 """Clauses that a device at rest is asked about, over ROS."""
@@ -47,6 +47,9 @@ CHANGES = {
     "HOM-2",
 }
 """Clauses of the trials that come last, none of which decides another."""
+
+BY_HAND = {"MOV-3", "MOV-23"}
+"""Clauses of the trials in which somebody pushes, for which it is given half a minute: only places count."""
 
 ACTIVE: list[Mapping[str, str]] = [
     {"never_enabled": "STA-5"},
@@ -135,6 +138,7 @@ def examined(
     may_home: bool = True,
     homing: bool | None = None,
     push: float | None = None,
+    client: Callable[[Opening], Told] | None = None,
 ) -> tuple[Outcome, StudentDevice]:
     """Examine a device as `crtk-driver conform --may-move` does; return what is found, and the device.
 
@@ -144,8 +148,11 @@ def examined(
         may_home: as `--may-home` says.
         homing: what its manifest says of that, if it has one.
         push: by how much somebody moves it when asked to; None: nobody is there.
+        client: what comes of an opening with a client.
     """
     period = FINE if CHANGES.issuperset(ids) else PERIOD
+    if BY_HAND.issuperset(ids) and "holds_in_free" not in faults:  # which is back sooner
+        period = COARSE
     steps, wire = Steps(period), Wire()
     with steps.instead_of_time(hearing, ros_probe, student_device, student_gantry):
         own, node = Node(wire, "gantry", "/student"), Node(wire, "crtk_conform")
@@ -159,7 +166,7 @@ def examined(
         seen = Observation(graph, ears.trace(began), manifest=manifest)
         ask = None if push is None else lambda _: device.gantry.push(1, push)
         leave = Leave(may_home, ask)
-        tried, why = try_out(node, ears, seen, tuple(ids), QUICK, lambda _: None, leave)
+        tried, why = try_out(node, ears, seen, tuple(ids), QUICK, lambda _: None, leave, client)
     return Outcome("/student", 0.0, judge(seen, tuple(ids), tried, why), {}, 0.0, why), device
 
 
@@ -180,6 +187,7 @@ def test_a_sound_device_diverges_nowhere_and_is_left_as_it_was_found() -> None:
     assert device.gantry.measured == pytest.approx(PLACE, abs=5e-3)
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("faults", ACTIVE, ids=names_of)
 def test_what_must_be_tried_is_caught(faults: Mapping[str, str]) -> None:
     outcome, _ = examined(tried_for(clauses_of(faults)), *faults)
@@ -204,6 +212,7 @@ def test_what_unhome_must_do_is_as_declared(
     assert told in found.finding.text
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("clause", ["INP-9", "STA-8", "SUB-2", "HOM-2"])
 def test_what_is_tried_alone_brings_the_device_to_where_it_begins(clause: str) -> None:
     outcome, device = examined([clause])
@@ -224,6 +233,7 @@ def test_a_move_that_is_over_before_a_stop_can_have_come_decides_nothing(
     assert found.finding.verdict is verdict, found.finding
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     ("fault", "push", "verdicts"),
     [
@@ -297,3 +307,29 @@ def test_joints_that_are_no_numbers_are_not_where_they_were(
     (found,) = outcome.results
     assert found.finding.verdict is Verdict.UNDETERMINED, found.finding
     assert "no numbers" in outcome.ended
+
+
+@pytest.mark.parametrize(
+    ("told", "verdict", "words"),
+    [
+        (Told(True, ("enable", "home"), ""), Verdict.CONFORMS, "enable, home worked"),
+        (Told(True, (), "enable did not succeed"), Verdict.DIVERGES, "nothing worked; enable did"),
+        (Told(False, ("enable",), ""), Verdict.UNDETERMINED, "is not installed here"),
+        (Told(False, (), "enable did not"), Verdict.UNDETERMINED, "nothing worked; enable did"),
+    ],
+)
+def test_the_official_client_alone_decides(told: Told, verdict: Verdict, words: str) -> None:
+    openings: list[Opening] = []
+
+    def client(opening: Opening) -> Told:
+        openings.append(opening)
+        return told
+
+    outcome, device = examined(["CLI-1"], client=client)
+    (found,) = outcome.results
+    assert found.finding.verdict is verdict
+    assert words in found.finding.text
+    (opening,) = openings
+    assert opening.begin == pytest.approx(PLACE, abs=5e-3)
+    assert opening.goal != opening.begin
+    assert device.gantry.state == "DISABLED"

@@ -2,40 +2,35 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 from crtk_drivers.client import RemoteDevice, connect
+from rigs.dynamixel_bench import PATIENT
 from rigs.loopback_node import until
+from rigs.programs import COMMAND, Program, Start
 from rigs.ros_client import TIMEOUT
 
-MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
 LONG = 3.0 * TIMEOUT
 """Seconds in which two processes have started."""
 
 
 @pytest.fixture(scope="module")
-def driver() -> Iterator[subprocess.Popen[str]]:
-    path = os.pathsep.join(filter(None, sys.path))
-    arguments = ["dynamixel", "--ns", "/dynamixel_arm", "--sim", "--set", "sample_timeout=3.0"]
-    with subprocess.Popen(
-        [sys.executable, "-c", MAIN, *arguments],
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-    ) as process:
+def driver(start: Start) -> Iterator[Program]:
+    values = {**PATIENT, "silent_timeout": 2.0, "watchdog": 2.5}
+    patient = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
+    arguments = ["dynamixel", "--ns", "/dynamixel_arm", "--sim", *patient]
+    with start(COMMAND, *arguments, stderr=subprocess.PIPE) as process:
         yield process
         process.kill()
 
 
 @pytest.fixture(scope="module")
-def arm(driver: subprocess.Popen[str]) -> Iterator[RemoteDevice]:
+def arm(driver: Program) -> Iterator[RemoteDevice]:
     with connect("/dynamixel_arm", timeout=LONG) as arm:
         until(lambda: arm.operating_state().state == "DISABLED", "connected")
         yield arm
@@ -65,14 +60,14 @@ def test_who_takes_the_gripper_for_a_joint_is_told_where_it_is(
     arm: RemoteDevice, run_far: Callable[..., tuple[int, str, str]]
 ) -> None:
     arm.enable(TIMEOUT)
-    code, _, told = run_far("move", "/dynamixel_arm", "gripper=0.03")
+    code, _, told = run_far("move", "/dynamixel_arm", "gripper=0.03", "--timeout", str(TIMEOUT))
     assert code == 2
     assert "a part of the device, not one of its joints" in told
     assert "crtk-driver move /dynamixel_arm --child gripper gripper=..." in told
     arm.disable(TIMEOUT)
 
 
-def test_it_ends_on_a_signal(arm: RemoteDevice, driver: subprocess.Popen[str]) -> None:
+def test_it_ends_on_a_signal(arm: RemoteDevice, driver: Program) -> None:
     driver.send_signal(signal.SIGINT)
     _, err = driver.communicate(timeout=TIMEOUT)
     assert driver.returncode == 0, err

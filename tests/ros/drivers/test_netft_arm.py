@@ -39,6 +39,7 @@ VALUES = {
     "tool": {"mass": MASS},
     "arm": ARM,
     "rate": 100.0,
+    "sample_timeout": 3.0,  # a busy machine is no fault
 }
 
 
@@ -52,7 +53,7 @@ def eventually(test: Callable[[], object], what: str) -> Any:
 
 def carrier() -> AbstractContextManager[Any]:
     """The arm that carries the sensor, on ROS."""
-    config = load(VIRTUAL.config, from_values({}))
+    config = load(VIRTUAL.config, from_values({"rate": 100.0}))
     return serve(config, ARM, [], plugin=VIRTUAL)  # type: ignore[arg-type]
 
 
@@ -94,7 +95,6 @@ def test_the_load_is_valid_while_the_arm_tells_its_pose_and_at_no_other_time(sen
         sensor.measured_cf(wait=0.3)
     for _ in range(2):  # it finds the arm, loses it, and finds it again
         with carrier() as (session, _):
-            eventually(lambda: session.engine.has_sample, "the arm")
             found = session.engine.feedback("measured_cp")
             assert found is not None
             pull = matrix_from_quaternion(found[0].orientation).T @ [0, 0, -9.80665 * MASS]
@@ -164,7 +164,6 @@ def test_the_command_that_calibrates_takes_the_orientations_of_the_arm(
         values = {**VALUES, "tool": None, "host": other.host, "rdt_port": other.port}
         values["open_timeout"] = LONG
         config = load(NetFtConfig, from_values(values))
-        eventually(lambda: session.engine.has_sample, "the arm")
         arm.enable()
         start = arm.measured_jp()
         turns = [[0, 0, 0], [0, -1.2, 0.4], [1.2, -0.3, -0.6], [-1.2, -0.9, 1.0]]
@@ -182,6 +181,6 @@ def test_the_command_that_calibrates_takes_the_orientations_of_the_arm(
 
 def test_the_command_that_calibrates_says_when_there_is_no_arm(peer) -> None:
     values = {**VALUES, "tool": None, "host": peer.host, "rdt_port": peer.port}
-    values |= {"arm": "/test_netft_nobody", "open_timeout": 1.0}
+    values |= {"arm": "/test_netft_nobody", "open_timeout": 4.0}
     with pytest.raises(ConnectionFailed, match="the orientation of the sensor is not known"):
         tools.calibrate(load(NetFtConfig, from_values(values)), CalibrateOptions(ask=False))

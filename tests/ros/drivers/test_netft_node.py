@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 
 import pytest
 
 from rigs.netft_bench import LONG
+from rigs.programs import COMMAND, Start
 
 pytest.importorskip("rclpy")
-
-MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
 
 
 @pytest.mark.ros
 @pytest.mark.parametrize("profile", ["netbox", "axia", "onrobot"])
-def test_the_node_comes_up_at_a_simulator_and_ends_at_a_signal(profile: str) -> None:
+def test_the_node_comes_up_at_a_simulator_and_ends_at_a_signal(start: Start, profile: str) -> None:
     arguments = ["ati-netft", "--sim", "--ns", "/ft_with_sim", "--profile", profile]
-    with subprocess.Popen(
-        [sys.executable, "-c", MAIN, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as child:
+    pipe = subprocess.PIPE
+    with start(COMMAND, *arguments, stdout=pipe, stderr=pipe) as child:
         try:
             assert child.stderr is not None
             told = ""

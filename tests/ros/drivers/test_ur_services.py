@@ -84,7 +84,7 @@ def test_tool_and_programs_are_topics(ur):
     program = heard(client, "loaded_program", StringStamped)
     pose = PoseStamped()
     pose.pose.position.z, pose.pose.orientation.w = 0.15, 1.0
-    until(lambda: len(tool) == 1, "the tool")
+    until(lambda: tool, "the tool")
     inbox = client["measured_cp"]
     before = inbox.wait(lambda m: m.header.stamp.sec > 0).pose.position.z
     publish_until(

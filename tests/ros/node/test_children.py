@@ -2,17 +2,59 @@
 
 from __future__ import annotations
 
+import json
+import threading
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty, String
 
 from crtk_drivers.client import connect
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.ros import qos
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+from rigs.loopback_client import Node
 from rigs.loopback_node import serve, until
 from rigs.ros_client import TIMEOUT
+
+
+def test_what_the_manifest_tells_of_is_waited_for() -> None:
+    """A device is known by its manifest; what is behind it may be found later."""
+    manifest = {"name": "late", "commands": {}, "children": ["gripper"]}
+    with Node("late_arm") as node:
+        told = node.node.create_publisher(String, "/late/driver/crtk_capabilities", qos.LATCHED)
+        told.publish(String(data=json.dumps(manifest)))
+        with connect("/late", timeout=TIMEOUT) as arm:
+            with pytest.raises(AttributeError, match="nothing in jaw"):
+                arm.jaw  # noqa: B018 - asking is the test
+            make = node.node.create_publisher
+            later = threading.Timer(0.5, make, (JointState, "/late/gripper/measured_js", 10))
+            later.start()
+            assert list(arm.gripper.crtk_commands) == ["measured_js"]
+            later.join()
+
+
+def test_who_waits_for_it_keeps_nobody_from_the_device() -> None:
+    hold = {"name": "/slow/hold", "type": "std_msgs/msg/Empty"}
+    manifest = {"name": "slow", "commands": {"hold": hold}, "children": ["gripper"]}
+    with Node("slow_arm") as node:
+        held = threading.Event()
+        node.node.create_subscription(Empty, "/slow/hold", lambda message: held.set(), 10)
+        told = node.node.create_publisher(String, "/slow/driver/crtk_capabilities", qos.LATCHED)
+        told.publish(String(data=json.dumps(manifest)))
+        with connect("/slow", timeout=TIMEOUT) as arm, ThreadPoolExecutor() as pool:
+            asked = threading.Event()
+            found = pool.submit(lambda: (asked.set(), arm.child("gripper", timeout=TIMEOUT)))
+            assert asked.wait(TIMEOUT)
+            arm.hold()
+            assert held.wait(TIMEOUT)
+            assert not found.done(), "the device was held when the wait had ended"
+            node.node.create_publisher(JointState, "/slow/gripper/measured_js", 10)
+            assert list(found.result(TIMEOUT)[1].crtk_commands) == ["measured_js"]
 
 
 class WithGripper(LoopbackDevice):
@@ -27,6 +69,23 @@ class WithGripper(LoopbackDevice):
         return {"gripper": self.gripper}
 
 
+class WithJaw(LoopbackDevice):
+    """A gantry that carries another one, as a dVRK arm its jaw."""
+
+    def __init__(self, config: LoopbackConfig | None = None) -> None:
+        super().__init__(config)
+        self.jaw = LoopbackDevice(config)
+
+    @property
+    def children(self) -> Mapping[str, Device]:
+        return {"jaw": self.jaw}
+
+    @property
+    def followers(self) -> frozenset[str]:
+        return frozenset({"jaw"})
+
+
+JAW = DevicePlugin("with-jaw", "A gantry with another one.", LoopbackConfig, WithJaw)
 PLUGIN = DevicePlugin("with-gripper", "A gantry with another one.", LoopbackConfig, WithGripper)
 
 
@@ -46,6 +105,32 @@ def test_it_is_moved_through_the_client_of_the_device() -> None:
         )
         assert gripper.status.state == "ENABLED"
         assert session.engine.status.state == "DISABLED"
+
+
+def test_one_without_a_state_has_none_on_ros_and_its_moves_are_told_by_that_of_the_device() -> None:
+    with (
+        serve(LoopbackConfig(), "/psm", [], plugin=JAW) as (session, _),
+        connect("/psm", timeout=TIMEOUT) as arm,
+    ):
+        jaw = session.children["jaw"]
+        assert "state_command" not in arm.jaw.crtk_commands
+        assert arm.manifest["followers"] == ["jaw"], "it has a manifest of its own"
+        assert arm.jaw.manifest["commands"]["measured_js"]["name"] == "/psm/jaw/measured_js"
+        arm.enable(TIMEOUT)
+        until(lambda: jaw.status.state == "ENABLED", "the jaw is enabled")
+        assert arm.jaw.operating_state().state == "ENABLED"
+        arm.jaw.move_jp([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
+        until(
+            lambda: arm.jaw.setpoint_js(wait=TIMEOUT).position[0] == pytest.approx(0.02),
+            "the jaw's setpoint is the goal",
+        )
+        link = arm._space.link
+        there = {"/psm/operating_state", "/psm/jaw/measured_js"}
+        until(lambda: there <= link.topics().keys(), "the topics are found")
+        of_state = {"/psm/jaw/operating_state", "/psm/jaw/state_command"}
+        assert not of_state & link.topics().keys()
+        until(lambda: "/psm/jaw/crtk_version" in link.services(), "the service is found")
+        assert "/psm/jaw/operating_state" not in link.services()
 
 
 def test_two_devices_are_not_put_into_one_namespace() -> None:

@@ -14,12 +14,12 @@ from rigs.loopback_node import Rig, rig_of, until
 
 
 class FreeDevice(LoopbackDevice):
-    """Says whether it was let go."""
+    """Says whether it is let go, and whether it ever was."""
 
-    is_free = False
+    is_free = was_free = False
 
     def free(self) -> Steps:
-        self.is_free = True
+        self.is_free = self.was_free = True
         yield
 
     def stop(self) -> None:
@@ -48,9 +48,13 @@ class Pendant:
         self.context.try_shutdown()
 
 
-def is_free(rig: Rig) -> bool:
+def device_of(rig: Rig) -> FreeDevice:
     assert isinstance(rig.device, FreeDevice)
-    return rig.device.is_free
+    return rig.device
+
+
+def is_free(rig: Rig) -> bool:
+    return device_of(rig).is_free
 
 
 def test_free_drive_ends_when_its_node_leaves() -> None:
@@ -72,6 +76,6 @@ def test_free_drive_ends_when_it_is_not_asked_for_again() -> None:
         rig.client.reach("enable", "ENABLED")
         pendant = Pendant("/asked")
         pendant.let_go()
-        until(lambda: is_free(rig), "it is free")
+        until(lambda: device_of(rig).was_free, "it was free")
         until(lambda: not is_free(rig), "it holds")
         pendant.leave()

@@ -21,6 +21,8 @@ from crtk_drivers.device import Answer, Input, Note, Reading, Service, Severity
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.names import STOPS_NODE_NAME
+from crtk_drivers.ros.policy import interfaces
 from crtk_drivers.samples import Flag, Number, Numbers, Text, Value, Wrench
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.loopback_node import Rig, rig_of, until
@@ -37,7 +39,10 @@ class Scale(LoopbackDevice):
 
     @property
     def services(self) -> Mapping[str, Service]:
-        return {"tare": Service("make the present load zero", self._tare)}
+        return {
+            "tare": Service("make the present load zero", self._tare),
+            "halt": Service("a stop of its own", self._halt, stops=True),
+        }
 
     @property
     def inputs(self) -> Mapping[str, Input]:
@@ -80,6 +85,10 @@ class Scale(LoopbackDevice):
             yield
         return "tared"
 
+    def _halt(self) -> Answer:
+        yield
+        return "halted"
+
     def _set_bias(self, value: Wrench) -> None:
         if value.force[0] > 100.0:
             raise CommandRefused("set_bias", Reason.OUT_OF_RANGE, "more than it can carry")
@@ -117,29 +126,48 @@ def test_a_service_that_takes_its_time_keeps_no_command_waiting(rig: Rig) -> Non
     assert (future.result().success, future.result().message) == (True, "tared")
 
 
+def test_one_that_is_a_stop_waits_for_no_other(rig: Rig) -> None:
+    client, device = rig.client, device_of(rig)
+    device.taring.clear()
+    device.go.clear()
+    answered = {"tare": threading.Event(), "halt": threading.Event()}
+    callers = {
+        name: client.node.create_client(Trigger, f"{client.namespace}/{name}") for name in answered
+    }
+    futures = {}
+    for name, caller in callers.items():
+        assert caller.wait_for_service(TIMEOUT)
+        futures[name] = caller.call_async(Trigger.Request())
+        futures[name].add_done_callback(lambda _, ended=answered[name]: ended.set())
+        assert device.taring.wait(TIMEOUT)
+    for ended in answered.values():
+        assert ended.wait(TIMEOUT)
+    device.go.set()
+    assert (futures["halt"].result().success, futures["halt"].result().message) == (True, "halted")
+    assert "by halt" in futures["tare"].result().message
+    (own, *_) = interfaces(device, client.namespace)
+    assert f"{client.namespace}/{STOPS_NODE_NAME}" in own.nodes
+
+
 def test_an_input_is_a_topic(rig: Rig) -> None:
     client, device = rig.client, device_of(rig)
     sender = client.node.create_publisher(WrenchStamped, f"{client.namespace}/set_bias", 10)
     message = WrenchStamped()
     message.wrench.force.x = 101.0
     since = client["refusals"].mark()
-    end = threading.Event()
-    for _ in range(200):
+
+    def is_refused() -> bool:
         sender.publish(message)
-        if any("set_bias" in m.data for m in client["refusals"].messages[since:]):
-            break
-        end.wait(0.05)
+        return any("set_bias" in m.data for m in client["refusals"].messages[since:])
+
+    until(is_refused, "it is refused")
     told = json.loads(client["refusals"].wait(lambda m: "set_bias" in m.data, since).data)
     assert told["reason"] == "out_of_range"
     assert device.bias is None
     message.wrench.force.x = 7.0
     sender.publish(message)
-    for _ in range(200):
-        if device.bias is not None:
-            break
-        end.wait(0.05)
-    assert device.bias is not None
-    assert device.bias.force[0] == 7.0
+    bias = until(lambda: device.bias, "it is taken")
+    assert bias.force[0] == 7.0
 
 
 def test_readings_are_latched_topics_that_tell_each_change_once(rig: Rig) -> None:

@@ -1,5 +1,6 @@
 """The bytes that the drivers send, record and read are those of ROS 2, and the definitions too."""
 
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -13,9 +14,11 @@ from std_msgs.msg import Float64MultiArray, String
 from tf2_msgs.msg import TFMessage
 
 from crtk_drivers.recording import cdr
+from crtk_drivers.recording.cdr_transforms import decode_transforms
 from crtk_drivers.recording.mcap_writer import definition
 from crtk_drivers.ros.manifest import type_name
 from crtk_drivers.samples import Matrix, Text
+from rigs.examples import examples
 from rigs.message_values import NUMBERS, POSES, STAMPS, VALUES, WORDS, fields
 from rigs.ros_messages import message_of
 
@@ -35,27 +38,51 @@ def same_bytes(ours, message):
     return True
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(VALUES | MATRICES, STAMPS, WORDS)
 def test_the_bytes_are_those_of_ros(value, stamp_ns, frame_id):
     message = message_of(value, stamp_ns, frame_id)
     assert same_bytes(cdr.encode(value, stamp_ns, frame_id), message)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(POSES, STAMPS, WORDS, WORDS)
 def test_the_bytes_of_a_transform_are_those_of_ros(pose, stamp_ns, frame_id, child):
+    message = transform_of(pose, stamp_ns, frame_id, child)
+    ours = cdr.encode_transform(pose, stamp_ns, frame_id, child)
+    assert same_bytes(ours, TFMessage(transforms=[message]))
+
+
+def transform_of(pose, stamp_ns, frame_id, child):
     message = TransformStamped(child_frame_id=child)
     message.header.frame_id = frame_id
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
     translation, rotation = message.transform.translation, message.transform.rotation
     translation.x, translation.y, translation.z = pose.position.tolist()
     rotation.x, rotation.y, rotation.z, rotation.w = pose.orientation.tolist()
-    ours = cdr.encode_transform(pose, stamp_ns, frame_id, child)
-    assert same_bytes(ours, TFMessage(transforms=[message]))
+    return message
 
 
-@settings(max_examples=100)
+@settings(max_examples=30)
+@given(st.lists(st.tuples(POSES, STAMPS, WORDS, WORDS), max_size=4))
+def test_all_transforms_of_a_message_are_read(each):
+    data = serialize_message(TFMessage(transforms=[transform_of(*one) for one in each]))
+    found = decode_transforms(data)
+    assert [(one.stamp_ns, one.pose.frame_id, one.child) for one in found] == [
+        (stamp_ns, frame_id, child) for _, stamp_ns, frame_id, child in each
+    ]
+    for one, (pose, *_) in zip(found, each, strict=True):
+        assert one.pose.position.tobytes() == pose.position.tobytes()
+        assert one.pose.orientation.tobytes() == pose.orientation.tobytes()
+
+
+@given(st.binary(max_size=60))
+def test_bytes_that_are_no_transforms_are_refused(data):
+    with suppress(cdr.Malformed):
+        decode_transforms(data)
+
+
+@settings(max_examples=examples(100))
 @given(VALUES, STAMPS, WORDS)
 def test_what_ros_wrote_is_read(value, stamp_ns, frame_id):
     message = message_of(value, stamp_ns, frame_id)
@@ -65,7 +92,7 @@ def test_what_ros_wrote_is_read(value, stamp_ns, frame_id):
     assert fields(found.value) == fields(value)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.lists(NUMBERS, max_size=9).map(lambda numbers: np.array([numbers])))
 def test_of_a_matrix_the_numbers_are_read(numbers):
     message = message_of(Matrix(numbers))
@@ -73,7 +100,7 @@ def test_of_a_matrix_the_numbers_are_read(numbers):
     assert np.array(found.values).tobytes() == numbers.tobytes()
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(MATRICES)
 def test_a_matrix_is_read(matrix):
     found = cdr.decode_matrix(serialize_message(message_of(matrix)))

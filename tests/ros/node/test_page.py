@@ -4,22 +4,20 @@ import http.client
 import json
 import signal
 import subprocess
-import sys
 
 import pytest
+
+from rigs.programs import COMMAND, Start
 
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
 
 LONG = 30.0
-MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
 
 
-def test_the_page_of_a_driver_is_told_and_ends_with_it() -> None:
-    command = [sys.executable, "-c", MAIN, "loopback", "--ns", "/paged", "--web", "--web-port", "0"]
-    with subprocess.Popen(
-        [*command, "--log-format", "json"], stderr=subprocess.PIPE, text=True
-    ) as it:
+def test_the_page_of_a_driver_is_told_and_ends_with_it(start: Start) -> None:
+    words = ("loopback", "--ns", "/paged", "--web", "--web-port", "0", "--log-format", "json")
+    with start(COMMAND, *words, stderr=subprocess.PIPE) as it:
         try:
             assert it.stderr is not None
             records = []

@@ -11,7 +11,7 @@ import rclpy
 from rclpy.context import Context
 
 from crtk_drivers import plugins
-from crtk_drivers.config import from_values, load
+from crtk_drivers.config import NodeConfig, from_values, load
 from crtk_drivers.ros.policy import interfaces, policy
 from crtk_drivers.session import Session
 from rigs.loopback_node import served, until
@@ -19,12 +19,15 @@ from rigs.loopback_node import served, until
 SPACE = "/secured"
 
 
-@pytest.mark.parametrize("name", ["loopback", "virtual"])
-def test_all_that_the_nodes_have_is_allowed_and_nothing_else(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "moveit"), [("loopback", False), ("loopback", True), ("virtual", False)]
+)
+def test_all_that_the_nodes_have_is_allowed_and_nothing_else(name: str, moveit: bool) -> None:
+    config = NodeConfig(moveit=moveit)
     plugin = plugins.device(name)
     session = Session(plugin, load(plugin.config, from_values(plugin.typical)))
     device = session.engine.device
-    (profile, *_) = ElementTree.fromstring(policy(device, SPACE)).iter("profile")
+    (profile, *_) = ElementTree.fromstring(policy(device, SPACE, config)).iter("profile")
 
     def allowed(kind: str, verb: str) -> set[str]:
         rules = profile.findall(f"{kind}[@{verb}='ALLOW']")
@@ -33,7 +36,9 @@ def test_all_that_the_nodes_have_is_allowed_and_nothing_else(name: str) -> None:
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node("onlooker", context=context)
-    nodes = [full.rpartition("/") for each in interfaces(device, SPACE) for full in each.nodes]
+    nodes = [
+        full.rpartition("/") for each in interfaces(device, SPACE, config) for full in each.nodes
+    ]
     seen: dict[tuple[str, str], Callable[..., list[tuple[str, list[str]]]]] = {
         ("topics", "publish"): node.get_publisher_names_and_types_by_node,
         ("topics", "subscribe"): node.get_subscriber_names_and_types_by_node,
@@ -44,7 +49,7 @@ def test_all_that_the_nodes_have_is_allowed_and_nothing_else(name: str) -> None:
         return {name for space, _, own in nodes for name, _ in seen[kind, verb](own, space)}
 
     try:
-        with served(session, SPACE):
+        with served(session, SPACE, (), config):
             known = {f"{space}/{own}" for space, _, own in nodes}
             until(
                 lambda: known <= {f"{s}/{n}" for n, s in node.get_node_names_and_namespaces()},

@@ -9,6 +9,7 @@ import pytest
 
 from crtk_drivers.ros.publishing import PublishingThread
 from rigs.loopback_node import until
+from rigs.waiting import LONG
 
 
 def test_runs_on_demand_and_at_a_rate() -> None:
@@ -28,7 +29,7 @@ def test_runs_on_demand_and_at_a_rate() -> None:
     until(lambda: runs["asked"] == 1, "the job that was asked for")
     slow.set_rate(500.0)
     until(lambda: runs["slow"] > 3, "the rate that was changed")
-    assert thread.stop(5.0)
+    assert thread.stop(LONG)
     assert runs["asked"] == 1
 
 
@@ -38,7 +39,7 @@ def test_what_was_asked_for_is_done_before_the_end() -> None:
     job = thread.job("last words", lambda: done.append("x"))
     thread.start()
     job.ask()
-    assert thread.stop(5.0)
+    assert thread.stop(LONG)
     assert done
 
 
@@ -60,9 +61,9 @@ def test_a_failing_job_is_logged_seldom_and_stops_no_other(
     with caplog.at_level(logging.ERROR):
         thread.start()
         until(lambda: min(runs.values()) > 20, "twenty runs of both")
-        assert thread.stop(5.0)
+        assert thread.stop(LONG)
     failures = [r for r in caplog.records if "publishing bad failed" in r.getMessage()]
-    assert 1 <= len(failures) < 5
+    assert 1 <= len(failures) < 10
     assert failures[0].exc_info
 
 
@@ -76,10 +77,10 @@ def test_stop_gives_up_on_a_writer_that_blocks() -> None:
 
     thread.job("blocked", block).ask()
     thread.start()
-    assert blocked.wait(5.0)
+    assert blocked.wait(LONG)
     assert not thread.stop(0.05)
     release.set()
-    assert thread.stop(5.0)
+    assert thread.stop(LONG)
 
 
 def test_missed_runs_are_skipped() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import replace
 from itertools import pairwise
@@ -14,14 +15,18 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from crtk_drivers.config import NodeConfig
+from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.ros.operating_state import BURST, StatusTopic
 from crtk_drivers.ros.publishing import PublishingThread
+from crtk_drivers.ros.refusals import RefusalTopic
 from crtk_drivers.ros.unlocked import UnlockedNode
-from crtk_drivers.samples import Stamp
+from crtk_drivers.samples import Pose, Stamp, Vector
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.testing.loopback import LoopbackConfig
-from rigs.loopback_node import Rig, rig_of, serve, until
+from rigs.loopback_node import RATE, Rig, rig_of, serve, slowly, until
 from rigs.ros_client import RosClient, stamp_ns
+from rigs.waiting import LONG
 
 
 def test_heartbeat_has_strictly_increasing_stamps(rig: Rig) -> None:
@@ -96,6 +101,25 @@ def test_a_change_of_state_waits_for_no_pulse_that_is_held_back() -> None:
         node.destroy_node()
 
 
+def test_a_refusal_is_told_before_the_pulse_of_the_move_that_is_refused() -> None:
+    """Who waits for busy alone would take the move for accepted, were the refusal to follow later."""
+    idle = Status(OperatingState.DISABLED, True, False, "")
+    told: list[str | bool] = []
+    with Context() as context:
+        node = UnlockedNode("refused", context=context, enable_rosout=False)
+        thread = PublishingThread("refused")
+        refusals = RefusalTopic(node, thread)
+        refusals._tell = lambda refusal, count: told.append(refusal.command)  # type: ignore[method-assign]
+        topic = StatusTopic(node, thread, idle, before=refusals.publish)
+        topic._send = lambda status, stamp_ns: told.append(status.is_busy)  # type: ignore[method-assign]
+        refusals.add(CommandRefused("move_jp", Reason.NOT_ENABLED, "it is DISABLED"))
+        topic.announce(replace(idle, is_busy=True), Stamp.now())
+        topic.announce(idle, Stamp.now())
+        topic._publish()  # the thread came to this job when both were told
+        node.destroy_node()
+    assert told == ["move_jp", True, False]
+
+
 def test_every_transition(rig: Rig) -> None:
     for command, state in (
         ("enable", "ENABLED"),
@@ -110,6 +134,18 @@ def test_every_transition(rig: Rig) -> None:
 def test_a_command_that_changes_nothing_is_answered(rig: Rig) -> None:
     rig.client.reach("enable", "ENABLED")
     assert rig.client.reach("enable", "ENABLED").state == "ENABLED"
+
+
+def test_a_command_that_changes_nothing_is_answered_though_no_heartbeat_comes(rig: Rig) -> None:
+    """The answers to many are thinned out: the last one is told as soon as it may be."""
+    rig.client.reach("enable", "ENABLED")
+    heartbeat = rig.serving.driver._status.job
+    heartbeat.set_rate(0.0)
+    try:
+        for _ in range(2 * int(BURST)):
+            assert rig.client.reach("enable", "ENABLED").state == "ENABLED"
+    finally:
+        heartbeat.set_rate(NodeConfig().heartbeat_rate)
 
 
 def test_busy_rises_and_falls(rig: Rig) -> None:
@@ -128,20 +164,20 @@ def test_servo_is_not_busy(rig: Rig) -> None:
 
     def stream() -> bool:
         rig.client.send("servo_jp", JointState(position=[0.001, 0.0, 0.0, 0.0]))
-        return rig.client["operating_state"].mark() > since + 2
+        return rig.client["operating_state"].mark() > since + 2 and rig.device.writes > writes
 
-    until(stream, "two heartbeats")
-    assert rig.device.writes > writes
+    until(stream, "two heartbeats while it streams")
     assert not any(m.is_busy for m in rig.client["operating_state"].messages[since:])
 
 
 def test_hold_ends_a_move(rig: Rig) -> None:
     rig.client.reach("enable", "ENABLED")
     since = rig.client["operating_state"].mark()
-    rig.client.send("move_jp", JointState(position=[0.9, 0.0, 0.0, 0.0]))
-    rig.client["operating_state"].wait(lambda m: m.is_busy, since)
-    rig.client.send("hold", Empty())
-    rig.client.wait_for_busy(since)
+    with slowly(rig.session.engine):
+        rig.client.send("move_jp", JointState(position=[0.9, 0.0, 0.0, 0.0]))
+        rig.client["operating_state"].wait(lambda m: m.is_busy, since)
+        rig.client.send("hold", Empty())
+        rig.client.wait_for_busy(since)
     assert rig.client["measured_js"].messages[-1].position[0] < 0.85
 
 
@@ -198,6 +234,34 @@ def test_services(rig: Rig) -> None:
     assert list(inverse.jp) == pytest.approx([0.1, 0.2, 0.3, 0.0])
 
 
+def test_who_asks_for_inverse_kinematics_holds_nobody_up(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pose out of reach takes generic ones 0.2 s, and many may be asked for."""
+    kinematics, begun, may_end = rig.device.kinematics, threading.Event(), threading.Event()
+    solve = kinematics.inverse
+
+    def slow(pose: Pose, reference: Vector) -> Vector:
+        begun.set()
+        assert may_end.wait(LONG)
+        return solve(pose, reference)
+
+    monkeypatch.setattr(kinematics, "inverse", slow)
+    forward = rig.client.call(
+        "forward_kinematics", QueryForwardKinematics.Request(jp=[0.1, 0.2, 0.3, 0.0])
+    )
+    request = QueryInverseKinematics.Request(cp=forward.cp, jp=[0.0] * 4)
+    asked = rig.client.clients["inverse_kinematics"].call_async(request)
+    try:
+        assert begun.wait(LONG)
+        rig.client.reach("enable", "ENABLED")
+        assert not asked.done()
+    finally:
+        may_end.set()
+    until(asked.done, "an answer")
+    assert list(asked.result().jp) == pytest.approx([0.1, 0.2, 0.3, 0.0])
+
+
 def test_parameters_have_descriptions_and_ranges(rig: Rig) -> None:
     names = ["publish_rate", "tf_rate", "heartbeat_rate", "diagnostics_rate", "frame_prefix"]
     response = rig.client.call(
@@ -216,4 +280,4 @@ def test_rates_change_while_it_runs(rig: Rig) -> None:
     assert not rig.client.set_parameter("publish_rate", 1e9)
     assert not rig.client.set_parameter("heartbeat_rate", 100.0)
     assert rig.serving.driver.node.get_parameter("publish_rate").value == 7.0
-    assert rig.client.set_parameter("publish_rate", 100.0)
+    assert rig.client.set_parameter("publish_rate", RATE)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -158,7 +157,5 @@ def test_topics_of_a_node_are_one_client(owned: Rig) -> None:
     streaming_until(owned, lambda: MINE in written(owned), "it streams")
     owned.client.move("move_jp", position(0.2))
     assert refused(owned, "move_jp") == before
-    streamed = time.monotonic()
     owned.client.send("servo_jp", position(0.2))
     until(lambda: 0.2 in written(owned), "it streams again")
-    assert time.monotonic() - streamed < 5.0

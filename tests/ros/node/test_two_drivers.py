@@ -25,6 +25,7 @@ from crtk_drivers.samples import Number
 from crtk_drivers.testing.loopback import LoopbackConfig
 from rigs.loopback_node import Rig, serve, until
 from rigs.ros_client import RosClient
+from rigs.waiting import LONG
 
 SCRIPT = Path(__file__).parents[2] / "rigs" / "serve_loopback.py"
 PROCESS_TIMEOUT = 40.0
@@ -114,7 +115,9 @@ def said(rig: Rig, **values: Any) -> String:
 
 
 @pytest.fixture
-def publisher(rig: Rig) -> Iterator[Any]:
+def publisher(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """What says it once, and counts as there until it says that it goes."""
+    monkeypatch.setattr(presence, "GONE_AFTER", LONG)
     publisher = rig.client.node.create_publisher(String, f"{rig.client.namespace}/drivers", 10)
     until(lambda: publisher.get_subscription_count() == 1, "they have met")
     yield publisher
@@ -163,7 +166,19 @@ def test_one_that_has_served_for_long_goes_before_one_with_an_earlier_clock(
     rig.client.reach("enable", "ENABLED")
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense", '{"id": 1, "started": "x"}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        "nonsense",
+        '{"id": 1, "started": "x"}',
+        '{"id": 1, "driver": 2, "pid": 3, "host": 4, "established": 0, "started": 1e999}',
+        "[" * 100_000,
+    ],
+    ids=["empty", "list", "object", "words", "no number", "endless number", "deep"],
+)
 def test_what_is_not_of_a_driver_is_nobody(rig: Rig, publisher: Any, text: str) -> None:
     publisher.publish(String(data=text))
     publisher.publish(said(rig, id="later"))

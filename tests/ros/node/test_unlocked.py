@@ -96,5 +96,5 @@ def test_a_blocked_writer_stops_no_other_thread(
 ) -> None:
     environment = {**os.environ, "LD_PRELOAD": str(library), "BLOCKED": str(tmp_path / "blocked")}
     command = [sys.executable, "-c", PROGRAM, kind]
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=40)
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=100)
     assert ended.returncode == code, ended.stderr

@@ -3,12 +3,7 @@
 import os
 import re
 import signal
-import subprocess
-import sys
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +12,10 @@ import pytest
 import crtk_drivers
 from crtk_drivers.client import connect
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
+from rigs.lab_up import up
 
 pytest.importorskip("rclpy")
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 
 LONG = 60.0
 LAB = """
@@ -46,6 +42,7 @@ CARRIED = """
 [devices.arm]
 plugin = "virtual"
 namespace = "/up/arm"
+settings.rate = 100
 
 [devices.ft]
 plugin = "ati-netft"
@@ -53,52 +50,8 @@ namespace = "/up/ft"
 on = "arm"
 sim = true
 tool = { mass = 0.8 }
+settings.rate = 100
 """
-
-
-class Up:
-    """A running `crtk-driver up`, and what it has logged."""
-
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self.process = process
-        self.lines: list[str] = []
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self.process.stderr is not None
-        self.lines += iter(self.process.stderr.readline, "")
-
-    def until(self, text: str, count: int = 1) -> int:
-        """Wait until a line that matches was logged so often; return the number in its last group."""
-        deadline = time.monotonic() + LONG
-        while True:
-            found = [match for line in list(self.lines) if (match := re.search(text, line))]
-            if len(found) >= count:
-                return int(found[-1][1]) if found[-1].groups() else 0
-            assert self.process.poll() is None, f"it has ended: {self.lines}"
-            assert time.monotonic() < deadline, f"never: {text}: {self.lines}"
-            time.sleep(0.02)
-
-    def end(self) -> int:
-        """Send SIGINT, and return the exit code."""
-        self.process.send_signal(signal.SIGINT)
-        code = self.process.wait(LONG)
-        self._reader.join(LONG)
-        return code
-
-
-@contextmanager
-def up(folder: Path, text: str) -> Iterator[Up]:
-    path = folder / "lab.toml"
-    path.write_text(text)
-    command = [sys.executable, "-m", "crtk_drivers.cli", "up", str(path), "--logs", str(folder)]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    with process:
-        try:
-            yield Up(process)
-        finally:
-            process.kill()
 
 
 def is_gone(pid: int) -> bool:
@@ -115,8 +68,8 @@ def until_gone(*pids: int) -> None:
         time.sleep(0.02)
 
 
-def test_all_come_up_in_order_are_kept_running_and_stopped(tmp_path):
-    with up(tmp_path, LAB + PROGRAM) as lab:
+def test_all_come_up_in_order_are_kept_running_and_stopped(start, tmp_path):
+    with up(start, tmp_path, LAB + PROGRAM) as lab:
         work = lab.until(r"work: started, process (\d+)")
         first = lab.until(r"one: started, process (\d+)")
         told = [line for line in lab.lines if re.search("started|measures", line)]
@@ -143,8 +96,8 @@ def test_all_come_up_in_order_are_kept_running_and_stopped(tmp_path):
     assert (tmp_path / "work.log").read_text() == "up\n"
 
 
-def test_no_device_outlives_its_lab_and_one_that_is_not_there_keeps_nobody(tmp_path):
-    with up(tmp_path, UNREACHABLE + LAB.replace('on = "one"', "")) as lab:
+def test_no_device_outlives_its_lab_and_one_that_is_not_there_keeps_nobody(start, tmp_path):
+    with up(start, tmp_path, UNREACHABLE + LAB.replace('on = "one"', "")) as lab:
         pids = [lab.until(rf"{name}: started, process (\d+)") for name in ("far", "one", "two")]
         lab.until("one: measures")
         lab.until("two: measures")
@@ -154,22 +107,24 @@ def test_no_device_outlives_its_lab_and_one_that_is_not_there_keeps_nobody(tmp_p
     assert "whoever started this is gone" in (tmp_path / "one.log").read_text()
 
 
-def test_a_device_that_cannot_be_started_is_told_and_not_tried_again(tmp_path):
-    with up(tmp_path, LAB.split("[devices.two]")[0] + 'settings = { axes = "many" }\n') as lab:
+def test_a_device_that_cannot_be_started_is_told_and_not_tried_again(start, tmp_path):
+    with up(
+        start, tmp_path, LAB.split("[devices.two]")[0] + 'settings = { axes = "many" }\n'
+    ) as lab:
         assert lab.process.wait(LONG) == 2
         lab._reader.join(LONG)
     assert "lab.toml:" in "".join(lab.lines)
 
 
-def test_one_that_is_still_starting_ends_well(tmp_path):
-    with up(tmp_path, LAB) as lab:
+def test_one_that_is_still_starting_ends_well(start, tmp_path):
+    with up(start, tmp_path, LAB) as lab:
         pid = lab.until(r"one: started, process (\d+)")
         assert lab.end() == 0
         until_gone(pid)
 
 
 @pytest.mark.slow  # test_carried.py has it without ROS
-def test_a_simulated_sensor_feels_its_tool_also_after_a_restart(tmp_path):
+def test_a_simulated_sensor_feels_its_tool_also_after_a_restart(start, tmp_path):
     def until_felt(ft, arm):
         """Wait until the weight pulls where the arm says that down is."""
         deadline = time.monotonic() + LONG
@@ -181,7 +136,7 @@ def test_a_simulated_sensor_feels_its_tool_also_after_a_restart(tmp_path):
             assert time.monotonic() < deadline, f"never: {force} along {down}"
             time.sleep(0.02)
 
-    with up(tmp_path, CARRIED) as lab:
+    with up(start, tmp_path, CARRIED) as lab:
         lab.until("ft: measures")
         with connect("/up/arm", timeout=LONG) as arm, connect("/up/ft", timeout=LONG) as ft:
             first = until_felt(ft, arm)

@@ -8,14 +8,15 @@ import pytest
 
 from crtk_driver_ur.native.program import Kind
 from crtk_drivers.errors import CommandRefused, CrtkError, MotionAborted
-from rigs.ur_bench import HOME, LONG, WAYS, UrBench, eventually
+from rigs.ur_bench import FAR, LONG, QUICK_WATCHDOG, WAYS, UrBench, eventually
 from rigs.ur_proxy import RTDE, Proxy, bench_at_proxy
 
-FAR = [2.5, *HOME[1:]]
-CONFIG = {"sample_timeout": 1.0, "open_timeout": 5.0}
+CONFIG = {"open_timeout": 5.0, "watchdog_frequency": QUICK_WATCHDOG}
 DATA = ord("U")
 FEED_SIZE, MOTION_SIZE = 3 + 1 + 2 * 4, 3 + 1 + 4 * 4 + 9 * 8
 """Bytes of packages for our control program: header, recipe, integers, numbers."""
+STOPPED = 1
+"""Value of `runtime_state`."""
 STOP_CODES = frozenset({15, 16, 34})
 """Of ur-rtde's commands: speedStop, servoStop, stopJ."""
 
@@ -110,6 +111,8 @@ def test_one_message_goes_wrong_and_the_arm_stops(world, kind, action):
 def moves_again(bench: UrBench) -> bool:
     """Enable and move; False where it is told only now that the program had been stopped."""
     if bench.status.state != "ENABLED":
+        if bench.status.state == "DISABLED":
+            bench.until_outputs(runtime_state=(STOPPED,))  # by the watchdog, where its link was cut
         with bench.nothing_moves():
             bench.enable()
     try:

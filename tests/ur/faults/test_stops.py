@@ -13,17 +13,33 @@ import pytest
 
 from crtk_driver_ur.library.sequencer import LONGEST_STEP
 from crtk_driver_ur.models import JOINT_NAMES, model_named
-from crtk_drivers.errors import CommandRefused, ConfigError, DeviceError
-from rigs.ur_bench import HOME, LONG, WAYS, UrBench, brisk_sim, driver_at, eventually, ur_bench
+from crtk_driver_ur.native.link import STOP_TIMEOUT
+from crtk_drivers.engine import cycle
+from crtk_drivers.errors import CommandRefused, ConfigError, DeviceError, MotionAborted
+from rigs.ur_bench import (
+    FAR,
+    HOME,
+    LATE_STATE,
+    LONG,
+    PATIENT,
+    QUICK_WATCHDOG,
+    WAYS,
+    UrBench,
+    brisk_sim,
+    driver_at,
+    eventually,
+    ur_bench,
+)
+from rigs.ur_clients import RtdeClient
 
 pytestmark = pytest.mark.sweep(2)
 
 POWER_OFF, IDLE, RUNNING = 3, 5, 7
 STOPPED, PLAYING, PAUSED = 1, 2, 4
 SERVO_J = 11
-FAR = [2.5, *HOME[1:]]
-CONFIG = {"sample_timeout": 1.0, "open_timeout": 5.0}
+CONFIG = {"open_timeout": 5.0, "watchdog_frequency": QUICK_WATCHDOG}
 RELEASED = "the brakes are released"
+STOP_DECELERATION = 10.0  # rad/s^2, of an arm whose program has ended
 
 both_ways = pytest.mark.parametrize("control", WAYS)
 
@@ -126,6 +142,61 @@ def test_a_stop_that_the_speed_slider_slows_down_is_not_overdue(bench):
 # By another way.
 
 
+def let_a_stop_grow_old(bench):
+    """Wait until a stop that was sent now would count as unanswered, by the controller's time."""
+    late = bench.outputs("timestamp") + 1.1 * STOP_TIMEOUT
+    eventually(lambda: bench.outputs("timestamp") > late, "time of the controller")
+
+
+def is_answered_by_the_program(bench):
+    """A stop is carried out, and the program was not ended for it."""
+    eventually(lambda: bench.device.has_stopped, "it is answered")
+    bench.cycles(2)
+    assert bench.outputs("runtime_state") == PLAYING, "by the program, which goes on"
+    assert bench.status.state == "ENABLED"
+
+
+@pytest.mark.parametrize("shared", ["native"], indirect=True)
+def test_a_stop_whose_answer_was_not_looked_for_is_not_repeated_another_way(bench):
+    """The I/O thread was held up: the states that tell of the answer wait to be read."""
+    held_up = threading.Event()
+
+    def stop_late() -> None:
+        bench.engine.on_sample = None
+        bench.device.stop()
+        let_a_stop_grow_old(bench)
+        bench.device.stop()
+        held_up.set()
+
+    bench.engine.on_sample = stop_late
+    assert held_up.wait(LONG)
+    is_answered_by_the_program(bench)
+
+
+@pytest.mark.parametrize("shared", ["native"], indirect=True)
+def test_a_stop_that_was_sent_late_is_not_repeated_another_way(bench, monkeypatch):
+    """The I/O thread was held up before it was sent: states from before that tell of no answer."""
+    channel, held_up = bench.device._link._channel, threading.Event()
+    send = channel.stop
+
+    def send_late() -> int:
+        monkeypatch.undo()
+        let_a_stop_grow_old(bench)
+        return send()
+
+    def stop_late() -> None:
+        bench.engine.on_sample = None
+        bench.device.stop()
+        bench.device.read(time.monotonic() + LONG)
+        bench.device.stop()
+        held_up.set()
+
+    monkeypatch.setattr(channel, "stop", send_late)
+    bench.engine.on_sample = stop_late
+    assert held_up.wait(LONG)
+    is_answered_by_the_program(bench)
+
+
 @pytest.mark.parametrize("shared", ["native"], indirect=True)
 def test_a_stop_does_not_wait_for_a_thread_that_hangs_in_the_connection(bench, record_property):
     """The lock of the channel is never given back: a program that only stops takes the place of ours."""
@@ -153,24 +224,72 @@ def test_a_stop_does_not_wait_for_a_thread_that_hangs_in_the_connection(bench, r
 @pytest.mark.parametrize("shared", ["ur_rtde"], indirect=True)
 def test_what_waited_for_the_control_process_is_no_jump(bench):
     """The process stands still for 200 ms in a stream of 1 rad/s, and takes only the newest position."""
-    mark, began = bench.mark(), time.monotonic()
-    frozen = False
-    while (now := time.monotonic() - began) < 1.5:
-        bench.arm.servo_jp([min(now, 1.0), *HOME[1:]])
-        if now > 0.5 and not frozen:
-            frozen = True
+
+    def sent() -> np.ndarray:
+        asked = [v for v in bench.sent_since(mark) if v["input_int_register_0"] == SERVO_J]
+        return np.array([values["input_double_register_0"] for values in asked])
+
+    def arrived() -> bool:
+        bench.arm.servo_jp([1.0, *HOME[1:]])
+        return sent()[-1] == pytest.approx(1.0)
+
+    mark = bench.mark()
+    resume = threading.Timer(0.2, os.kill, (bench.child, signal.SIGCONT))
+    for step in range(200):
+        bench.arm.servo_jp([0.005 * step, *HOME[1:]])
+        if step == 100:
             os.kill(bench.child, signal.SIGSTOP)
-            resume = threading.Timer(0.2, os.kill, (bench.child, signal.SIGCONT))
             resume.start()
         time.sleep(0.005)
     resume.join()
-    servo = [v for v in bench.sent_since(mark) if v["input_int_register_0"] == SERVO_J]
-    positions = np.array([values["input_double_register_0"] for values in servo])
-    assert positions[-1] == pytest.approx(1.0)
+    eventually(arrived, "the end of the stream is sent")
+    positions = sent()
     fastest = model_named("ur5e").velocity_limits[0]
     assert np.abs(np.diff(positions)).max() < fastest * LONGEST_STEP * 1.001
     bench.arm.hold()
     bench.until_still()
+
+
+@pytest.mark.parametrize("shared", ["ur_rtde"], indirect=True)
+def test_a_move_goes_on_for_its_watchdog_alone_while_the_control_process_stands_still(bench):
+    """As far as docs/ur.md tells: its speed for the time of the watchdog, and the controller's own stop."""
+    bench.arm.move_jp(FAR)
+    bench.until_moving(speed=0.5)
+    child = bench.child
+    os.kill(child, signal.SIGSTOP)
+    try:
+        begin, fastest = bench.q()[0], 0.0
+        deadline = time.monotonic() + LONG
+        while not bench.stands():
+            fastest = max(fastest, bench.outputs("target_qd")[0])
+            assert time.monotonic() < deadline, "it goes on"
+        bench.until_outputs(runtime_state=(STOPPED,))
+        assert bench.outputs("safety_mode") == 1, "no protective stop"
+        assert bench.q()[0] < FAR[0] - 0.1
+        watchdog = bench.session.config.watchdog_frequency
+        way = fastest / watchdog + fastest**2 / (2.0 * STOP_DECELERATION)
+        assert bench.q()[0] - begin < way + 0.05
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(child, signal.SIGCONT)
+
+
+def test_a_move_that_the_control_process_stopped_as_it_heard_nothing_says_so():
+    move = {**PATIENT["move"], "planned_by": "controller"}
+    with ur_bench({"control": "ur_rtde", "move": move}) as bench:
+        bench.enable()
+        move = bench.arm.move_jp(FAR)
+        bench.until_moving()
+
+        def be_held_up() -> None:
+            bench.engine.on_sample = None
+            bench.until_still()
+
+        bench.engine.on_sample = be_held_up
+        with pytest.raises(MotionAborted, match="heard nothing of the driver"):
+            move.wait(LONG)
+        assert bench.q()[0] < FAR[0] - 0.1
+        assert bench.arm.move_jp(HOME).wait(LONG)
 
 
 # Ranges.
@@ -270,13 +389,28 @@ def test_closing_stops_first_and_leaves_the_arm_as_it_is_configured(
         assert watch.standing_when_power_went, "it stands before its power goes"
 
 
+def test_power_goes_though_the_thread_that_closes_was_held_up(monkeypatch):
+    with ur_bench({**CONFIG, "on_close": "power_off"}) as bench:
+        bench.enable()
+        close = bench.device.close
+
+        def late() -> None:
+            time.sleep(2.0 * LATE_STATE)
+            close()
+
+        monkeypatch.setattr(bench.device, "close", late)
+        bench.arm.close()
+        bench.until_outputs(robot_mode=(POWER_OFF,), runtime_state=(STOPPED,))
+
+
 @both_ways
-def test_a_disable_is_carried_out_though_the_driver_is_closed_meanwhile(control):
+def test_a_disable_is_carried_out_though_the_driver_is_closed_meanwhile(control, monkeypatch):
     with ur_bench({**CONFIG, "control": control}) as bench:
         bench.enable()
         bench.engine.state_command("disable")
+        monkeypatch.setattr(cycle, "TIME_TO_DISABLE", LONG)
         bench.arm.close()
-        assert bench.outputs("robot_mode") == POWER_OFF
+        bench.until_outputs(robot_mode=(POWER_OFF,))
 
 
 @both_ways
@@ -318,27 +452,30 @@ def test_a_program_that_cannot_be_ended_is_told_of(control):
 
 
 class Watch:
-    """Looks at the controller beside what a test does."""
+    """Looks at each state of the controller beside what a test does."""
 
     def __init__(self, bench: UrBench) -> None:
         self._bench = bench
-        self._ended = threading.Event()
+        self._client = RtdeClient(bench.sim.host)
+        self._client.setup_outputs("timestamp,robot_mode,target_qd")
+        assert self._client.start()
+        self._until = math.inf
         self.standing_when_power_went = True
         self._thread = threading.Thread(target=self._look)
         self._thread.start()
 
     def _look(self) -> None:
-        before = 0.0
-        while not self._ended.is_set():
-            found = self._bench.sim.control.outputs("robot_mode", "target_qd")
-            if found["robot_mode"] != RUNNING and before > 0.5:
+        now, before = 0.0, 0.0
+        while now < self._until:
+            now, mode, *speeds = self._client.data()
+            if mode != RUNNING and before > 0.5:
                 self.standing_when_power_went = False
-            before = max(map(abs, found["target_qd"])) if found["robot_mode"] == RUNNING else 0.0
-            time.sleep(0.005)
+            before = max(map(abs, speeds)) if mode == RUNNING else 0.0
 
     def end(self) -> None:
-        self._ended.set()
+        self._until = self._bench.outputs("timestamp")
         self._thread.join()
+        self._client.close()
 
 
 def test_an_arm_that_was_not_enabled_keeps_its_power_whatever_is_configured():

@@ -26,12 +26,15 @@ from crtk_sim_backends.ur.ports.robot_api import (
 from crtk_sim_backends.ur.ports.rtde import InputClaims, RtdeError, RtdeSession, Trace
 from crtk_sim_backends.ur.ports.script_port import ScriptSession
 from crtk_sim_backends.ur.signals.variables import INPUTS, OUTPUTS
+from rigs.examples import examples
 from rigs.ur_clients import DashboardClient, InterpreterClient, RtdeClient, TcpClient, wait_until
 from rigs.ur_fuzz_corpus import CORPUS, DASHBOARD, INTERPRETER, ROBOT_API, RTDE, SCRIPT, rtde
 
 VERSION = (5, 12, 4, 0)
 SEARCH = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(60),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
 

@@ -235,11 +235,11 @@ def test_the_page_ends_with_the_simulator(end):
 
 NODE = shutil.which("node")
 CHECK = """
-import {{ flange, compose, fromPose, shape }} from "{path}";
+import {{ IDENTITY, flange, compose, fromPose, shape }} from "{path}";
 import {{ readFileSync }} from "node:fs";
 const found = JSON.parse(readFileSync(0)).map(({{ chain, q, tool }}) => ({{
   tip: compose(flange(chain, q), fromPose(tool)),
-  shape: shape(chain, q, fromPose(tool)),
+  shape: shape(chain, q, IDENTITY, compose(flange(chain, q), fromPose(tool))),
 }}));
 console.log(JSON.stringify(found));
 """
@@ -388,11 +388,14 @@ WITHIN = """[...document.querySelectorAll("#buttons button")].every((each) => {
 
 
 PLACE = """(async () => {
-  const [{ ArmPicture }, { fromPose, shape }] = await Promise.all([import("/arm.js"), import("/chain.js")]);
+  const [{ ArmPicture }, { IDENTITY, compose, flange, fromPose, reach, shape }] = await Promise.all([
+    import("/arm.js"), import("/chain.js"),
+  ]);
   const { chain } = await (await fetch("/scene.json")).json();
   const canvas = document.getElementById("picture");
-  const picture = new ArmPicture(canvas, chain);
-  const solids = shape(chain, [0, -1.57, 1.57, -1.57, -1.57, 0], fromPose([0, 0, 0.1, 0, 0, 0]));
+  const picture = new ArmPicture(canvas, reach(chain));
+  const q = [0, -1.57, 1.57, -1.57, -1.57, 0];
+  const solids = shape(chain, q, IDENTITY, compose(flange(chain, q), fromPose([0, 0, 0.1, 0, 0, 0])));
   picture.hold(solids);
   const { project } = picture.view();
   const ends = solids.flatMap(({ from, to }) => [project(from), project(to)]);

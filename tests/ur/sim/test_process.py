@@ -13,7 +13,7 @@ import pytest
 import crtk_sim_backends
 from crtk_sim_backends.process import SimStartError, loopback_addresses
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig
-from rigs.ur_clients import DashboardClient, last_json, wait_until
+from rigs.ur_clients import PATIENCE, DashboardClient, last_json, wait_until
 
 pytestmark = pytest.mark.usefixtures("cold_start")
 
@@ -67,7 +67,7 @@ def test_stop_ends_it_with_exit_code_0_and_frees_its_ports():
 def test_signals_end_it_with_exit_code_0(number):
     with SIM.spawn() as sim:
         os.kill(sim.pid, number)
-        wait_until(lambda: not sim.running, 2)
+        wait_until(lambda: not sim.running)
         assert sim.stop() == 0
 
 
@@ -149,7 +149,7 @@ def test_it_runs_alone_in_the_foreground_with_a_banner():
         with DashboardClient(host) as dashboard:
             assert dashboard.ask("robotmode") == "Robotmode: POWER_OFF"
         process.send_signal(signal.SIGINT)
-        assert process.wait(5) == 0
+        assert process.wait(PATIENCE) == 0
 
 
 def test_every_option_has_help_and_a_default():

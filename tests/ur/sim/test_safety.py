@@ -463,6 +463,35 @@ def test_watchdog_actions(bench: Bench, action: str, state: RuntimeState) -> Non
     assert bench.controller.runtime_state == state
 
 
+@pytest.mark.parametrize(
+    ("program", "state"),
+    [
+        ("ft_rtde_input_enable(True)", RuntimeState.PAUSED),
+        ("enable_external_ft_sensor(True)", RuntimeState.PAUSED),
+        ("ft_rtde_input_enable(True)\nft_rtde_input_enable(False)", RuntimeState.PLAYING),
+        (
+            'rtde_set_watchdog("input_int_register_0", 1, "ignore")\nft_rtde_input_enable(True)',
+            RuntimeState.PLAYING,
+        ),
+        (
+            'rtde_set_watchdog("external_force_torque", 5, "pause")\nft_rtde_input_enable(False)',
+            RuntimeState.PAUSED,
+        ),
+    ],
+)
+def test_measured_forces_are_expected_ten_times_a_second_unless_a_program_watches_something(
+    bench: Bench, program: str, state: RuntimeState
+) -> None:
+    """Script manual, ft_rtde_input_enable."""
+    bench.start(f"{program}\n{FOREVER}")
+    for _ in range(10):
+        bench.write(external_force_torque=(0.0,) * 6)
+        bench.seconds(0.09)
+    assert bench.controller.runtime_state == RuntimeState.PLAYING
+    bench.seconds(0.5)
+    assert bench.controller.runtime_state == state
+
+
 def test_a_pause_does_not_count_for_the_watchdog(bench: Bench) -> None:
     bench.start(f'rtde_set_watchdog("input_int_register_0", 2, "stop")\n{FOREVER}')
     bench.controller.pause()

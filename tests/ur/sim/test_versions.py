@@ -11,10 +11,18 @@ import struct
 import pytest
 
 from crtk_sim_backends.ur import SIM
-from crtk_sim_backends.ur.messages import ErrorMessage, KeyMessage, ReportLevel, TextMessage
+from crtk_sim_backends.ur.messages import (
+    ErrorMessage,
+    KeyMessage,
+    ReportLevel,
+    RuntimeExceptionMessage,
+    TextMessage,
+)
 from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 from rigs.ur_clients import DashboardClient, PrimaryClient, RtdeClient, wait_until
 from rigs.ur_controller import Bench
+
+pytestmark = pytest.mark.sweep(3)
 
 CONTROLLERS = [
     ("ur3", (3, 12, 0, 0)),
@@ -111,6 +119,69 @@ def test_a_line_out_of_reach_is_a_warning_and_a_stop(bench):
     bench.controller.run_script("set unlock protective stop")
     bench.run("movej([0, -1.4, 1.4, -1.57, -1.57, 0])")
     assert bench["target_q"][1] == pytest.approx(-1.4)
+
+
+def test_a_pose_out_of_reach_of_movej_is_a_runtime_exception(bench):
+    bench.start("movej(p[10, 0, 0, 0, 0, 0])")
+    bench.until(lambda: bench.controller.runtime_state == RuntimeState.STOPPED)
+    (error,) = bench.of_type(RuntimeExceptionMessage)
+    assert "inverse kinematics" in error.text
+    assert level(bench) == []
+    assert bench.controller.safety_mode == SafetyMode.NORMAL
+
+
+def test_manual_mode_stays_when_it_is_no_longer_controlled(bench):
+    controller = bench.controller
+    if controller.model.is_cb3:
+        assert not controller.set_operational_mode("MANUAL")
+        assert controller.remote
+        return
+    assert controller.set_operational_mode("MANUAL")
+    assert controller.set_operational_mode("NONE")
+    assert controller.operational_mode == "NONE"
+    assert not controller.remote
+
+
+def test_lines_that_joints_can_hardly_follow_succeed(bench):
+    if bench.controller.model.name == "ur3":
+        pytest.skip("out of its reach")
+    bench.run("movej([-1.57, -1.6, 1.6, -0.7, 0.7, 0.2], a=3, v=3)")
+    for y in (0.263, 0.463, 0.263):
+        bench.run(f"movel(p[-0.203, {y}, 0.559, 0.68, -1.083, -2.076], a=2.5, v=2.5)")
+        assert bench["target_TCP_pose"][:2] == pytest.approx((-0.203, y), abs=1e-6)
+    assert level(bench) == []
+
+
+@pytest.mark.sweep(6)
+@pytest.mark.parametrize("slider", [1.0, 0.25])
+def test_a_quintic_spline_with_a_speed_at_its_end_is_followed(bench, slider):
+    """By speeds of one period each, as UR's program makes them; acceleration never turns within one."""
+    bench.write(speed_slider_mask=1, speed_slider_fraction=slider)
+    bench.seconds(0.4)
+    start = bench["target_q"][0]
+    # 0 to 0.3 rad in 1 s, at the end 0.273 rad/s and 1.7 rad/s^2
+    bench.start(
+        "  qd = [0, 0, 0, 0, 0, 0]\n  t = 0\n  dt = get_steptime()\n  while t < 1 - dt / 2:\n"
+        "    t = t + dt\n    before = qd[0]\n"
+        "    qd[0] = 3 * 2.758 * pow(t, 2) - 4 * 4.289 * pow(t, 3) + 5 * 1.831 * pow(t, 4)\n"
+        "    write_output_float_register(1, t)\n"
+        "    speedj(qd, norm(qd[0] - before) / dt, dt)\n  end\n  stopj(15)"
+    )
+    dt, periods, changes = bench.controller.dt, round(1 / slider), []
+    while (t := bench["output_double_register_1"]) < 1.0 - 2.0 * dt:
+        acceleration = bench["target_qdd"][0]
+        bench.ticks(1)
+        behind = t - dt  # the step that is written is the one that begins
+        expected = 2.758 * behind**3 - 4.289 * behind**4 + 1.831 * behind**5
+        assert bench["target_q"][0] - start == pytest.approx(expected, abs=0.02)
+        changes.append(bench["target_qdd"][0] - acceleration)
+    assert bench["target_qd"][0] == pytest.approx(slider * 0.27, rel=0.1)
+    for i in range(0, len(changes) - periods, periods):
+        step = [c for c in changes[i : i + periods] if abs(c) > 1e-9]
+        assert len({c > 0.0 for c in step}) <= 1 or slider == 1.0
+    bench.until(lambda: bench.controller.runtime_state == RuntimeState.STOPPED)
+    assert bench["target_qd"] == (0.0,) * 6
+    assert level(bench) == []
 
 
 def test_a_time_that_cannot_be_kept_is_a_slower_move(bench):

@@ -12,6 +12,7 @@ from crtk_driver_ur.frames import Transform, compose
 from crtk_driver_ur.kinematics import ArmKinematics, InverseKinematicsError
 from crtk_driver_ur.models import MODELS, RobotModel
 from crtk_drivers.samples import vector
+from rigs.examples import examples
 
 TOOL = Transform.from_pose_vector((0.01, -0.02, 0.15, 0.1, -0.2, 0.3))
 TWISTS = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
@@ -41,7 +42,7 @@ def test_without_a_difference_it_is_the_model(name):
 
 
 @given(angles)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_jacobian_is_the_derivative(q):
     model = MODELS["ur5e"]
     arm, step = CalibratedKinematics(model, calibration(model, 0.003), TOOL), 1e-6
@@ -56,7 +57,7 @@ def test_jacobian_is_the_derivative(q):
 
 @given(angles)
 @example((0.0, 1.0, 0.15625, 0.0, 2.5, 0.0))  # the nominal arm does not reach it by this branch
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_inverse_reaches_the_pose_from_nearby(q):
     model = MODELS["ur10e"]
     arm = CalibratedKinematics(model, calibration(model, 0.002), TOOL)

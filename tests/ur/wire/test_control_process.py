@@ -9,10 +9,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from unittest.mock import patch
 
 import pytest
 
+from crtk_driver_ur.control_options import ControlOptions, MotionOptions
 from crtk_driver_ur.control_requests import Reply
+from crtk_driver_ur.library import supervisor
 from crtk_driver_ur.library.packets import (
     Event,
     EventKind,
@@ -23,22 +27,25 @@ from crtk_driver_ur.library.packets import (
 )
 from crtk_driver_ur.library.supervisor import ControlSupervisor, Notice
 from crtk_drivers.errors import ConnectionLost
-from rigs.ur_bench import brisk_sim
+from rigs import ur_watchdog
+from rigs.ur_bench import LENIENT, LONG, QUICK_WATCHDOG, brisk_sim
 
-LONG = 15.0
 STOPPED, PLAYING = 1, 2
 REGISTER = "input_int_register_0"
 SPEED_J, SERVO_J, SPEED_STOP, SERVO_STOP, STOP_J, SET_WATCHDOG = 9, 11, 15, 16, 34, 35
 MOVE_J, STOP_SCRIPT = 1, 255
+PATIENT = ControlOptions(watchdog_frequency=ur_watchdog.FREQUENCY)
+"""As that of the bench: a process that gets no time for a while is no reason to end the program."""
 
 
 class Driver:
     """A supervisor with one simulated controller, and what both have said so far."""
 
-    def __init__(self, sim) -> None:
+    def __init__(self, sim, options: ControlOptions) -> None:
         self.sim = sim
-        self.supervisor = ControlSupervisor(sim.host)
+        self.supervisor = ControlSupervisor(sim.host, options)
         self.notices: list[Notice] = []
+        self._traced: list[dict] = []
 
     def until(self, happened: Callable[[], object], what: str) -> None:
         deadline = time.monotonic() + LONG
@@ -56,6 +63,10 @@ class Driver:
             action()
             self.notices += self.supervisor.poll()
             time.sleep(0.005)
+
+    def until_code(self, code: int) -> None:
+        """Wait until a command is the one that the controller has."""
+        self.until(lambda: self.codes()[-1:] == [code], f"command {code}")
 
     def reply(self, sequence: int) -> Reply:
         def found() -> list[Reply]:
@@ -101,16 +112,20 @@ class Driver:
         return codes
 
     def trace(self) -> list[dict]:
-        """Everything traced; in parts, for an answer has a limited length."""
-        entries: list[dict] = []
-        while part := self.sim.control.trace(after=entries[-1]["number"] if entries else 0):
-            entries += part
-        return entries
+        """Everything traced; in parts, for an answer has a limited length.
+
+        What is known is not asked for again: on a busy machine the process would miss its driver meanwhile,
+        and stop the arm.
+        """
+        known = self._traced
+        while part := self.sim.control.trace(after=known[-1]["number"] if known else 0):
+            known += part
+        return known
 
 
 @contextmanager
-def started(sim) -> Iterator[Driver]:
-    driver = Driver(sim)
+def started(sim, options: ControlOptions | None = None) -> Iterator[Driver]:
+    driver = Driver(sim, options or PATIENT)
     driver.supervisor.start()
     try:
         yield driver
@@ -120,7 +135,7 @@ def started(sim) -> Iterator[Driver]:
 
 @pytest.fixture
 def sim() -> Iterator[object]:
-    with brisk_sim(model="ur5e", trace_size=300) as running:
+    with brisk_sim(model="ur5e") as running, patch.object(supervisor, "SILENCE_ALLOWED", LENIENT):
         yield running
 
 
@@ -225,6 +240,7 @@ def test_stop_ends_a_move(driver):
 
 def test_servo_stream_is_followed_and_held_when_it_pauses(driver):
     start = driver.outputs("actual_q")
+    goal = shifted(start, 0, 0.1)
     begun = time.monotonic()
 
     def stream() -> None:
@@ -232,35 +248,46 @@ def test_servo_stream_is_followed_and_held_when_it_pauses(driver):
         driver.supervisor.send_servo_joint(shifted(start, 0, angle))
 
     driver.run(0.7, stream)
-    goal = shifted(start, 0, 0.1)
+    driver.supervisor.send_servo_joint(goal)
     driver.run(1.0)
     assert driver.outputs("runtime_state") == PLAYING
-    assert driver.outputs("target_q") == pytest.approx(goal, abs=2e-3)
-    assert driver.stands()
+    driver.until(lambda: driver.outputs("target_q") == pytest.approx(goal, abs=2e-3), "the goal")
+    driver.until(driver.stands, "the arm stands")
+    assert driver.outputs("runtime_state") == PLAYING
     assert driver.supervisor.status.heartbeat.motion is MotionKind.SERVO_JOINT
 
 
 def test_speed_that_is_not_repeated_expires(driver):
-    before = driver.outputs("target_q")
-    driver.run(0.3, lambda: driver.supervisor.send_speed_joint([0.3, 0, 0, 0, 0, 0], 2.0, 0.1))
+    before = driver.outputs("target_q")[0]
+
+    def moved() -> float:
+        driver.supervisor.send_speed_joint([0.3, 0, 0, 0, 0, 0], 2.0, 0.1)
+        return driver.outputs("target_q")[0] - before
+
+    driver.until(lambda: moved() > 0.05, "motion")
     driver.event(EventKind.SPEED_EXPIRED)
     driver.event(EventKind.STOPPED)
-    assert driver.stands()
+    driver.until(driver.stands, "the arm stands")
     assert driver.outputs("runtime_state") == PLAYING
-    moved = driver.outputs("target_q")[0] - before[0]
-    assert 0.01 < moved < 0.5
+    assert driver.outputs("target_q")[0] - before < 0.5
 
 
 def test_every_speed_command_carries_a_time(driver):
-    driver.run(0.1, lambda: driver.supervisor.send_speed_joint([0.1, 0, 0, 0, 0, 0], 1.0, 0.1))
-    speeds = [e["values"] for e in driver.trace() if e["values"].get(REGISTER) == SPEED_J]
-    assert speeds
-    assert all(values["input_double_register_7"] > 0.0 for values in speeds)
+    def speeds() -> list[dict]:
+        driver.supervisor.send_speed_joint([0.1, 0, 0, 0, 0, 0], 1.0, 0.1)
+        return [e["values"] for e in driver.trace() if e["values"].get(REGISTER) == SPEED_J]
+
+    driver.until(lambda: len(speeds()) > 5, "speeds")
+    assert all(values["input_double_register_7"] > 0.0 for values in speeds())
 
 
 def test_cartesian_speed(driver):
-    driver.run(0.4, lambda: driver.supervisor.send_speed_cartesian([0, 0, 0.05, 0, 0, 0], 1.0, 0.2))
-    assert driver.outputs("target_TCP_speed")[2] == pytest.approx(0.05, abs=5e-3)
+
+    def speed() -> float:
+        driver.supervisor.send_speed_cartesian([0, 0, 0.05, 0, 0, 0], 1.0, 0.2)
+        return float(driver.outputs("target_TCP_speed")[2])
+
+    driver.until(lambda: speed() == pytest.approx(0.05, abs=5e-3), "the speed")
     driver.event(EventKind.STOPPED, driver.supervisor.stop())
     assert driver.stands()
 
@@ -275,7 +302,7 @@ def test_freedrive_begins_and_ends(driver):
 
 
 SERVO = (lambda s, q: s.send_servo_joint(q), SERVO_J, SERVO_STOP)
-SPEED = (lambda s, q: s.send_speed_joint([0.2, 0, 0, 0, 0, 0], 2.0, 1.0), SPEED_J, SPEED_STOP)
+SPEED = (lambda s, q: s.send_speed_joint([0.2, 0, 0, 0, 0, 0], 2.0, LONG), SPEED_J, SPEED_STOP)
 MOVE = (lambda s, q: s.move_joint(shifted(q, 0, 1.0), 0.5, 2.0), MOVE_J, STOP_J)
 
 
@@ -294,27 +321,35 @@ MOVE = (lambda s, q: s.move_joint(shifted(q, 0, 1.0), 0.5, 2.0), MOVE_J, STOP_J)
 )
 def test_a_motion_is_stopped_before_the_next(driver, first, second):
     first[0](driver.supervisor, driver.outputs("target_q"))
-    driver.run(0.3)
-    before = driver.codes()
-    assert before[-1] == first[1]
+    driver.until_code(first[1])
+    driver.run(0.1)
     second[0](driver.supervisor, driver.outputs("target_q"))
-    driver.until(lambda: second[1] in driver.codes()[len(before) :], "the second motion")
-    codes = driver.codes()[len(before) :]
+
+    def after_the_first() -> list[int]:
+        codes = driver.codes()
+        return codes[codes.index(first[1]) + 1 :]
+
+    driver.until(lambda: second[1] in after_the_first(), "the second motion")
+    codes = after_the_first()
     assert first[2] in codes[: codes.index(second[1])]
     driver.run(0.2)
     assert driver.outputs("runtime_state") == PLAYING, "two motions at once ended the program"
 
 
-def test_of_two_waiting_commands_the_newest_is_carried_out(driver):
-    q = driver.outputs("actual_q")
-    driver.supervisor.send_servo_joint(q)
-    driver.until(lambda: driver.supervisor.status.heartbeat.motion, "servo")
-    waiting = driver.supervisor.move_joint(shifted(q, 0, 1.0), 0.5, 2.0)
-    driver.until(lambda: driver.supervisor.status.heartbeat.settling, "settling")
-    newest = driver.supervisor.move_joint(shifted(q, 1, 0.1), 1.0, 5.0)
-    driver.event(EventKind.INTERRUPTED, waiting)
-    driver.event(EventKind.MOVE_DONE, newest)
-    assert driver.outputs("target_q")[0] == pytest.approx(q[0], abs=2e-3)
+def test_of_two_waiting_commands_the_newest_is_carried_out(sim):
+    """They wait for two seconds, until a speed has been slowed down."""
+    slow = replace(PATIENT, motion=MotionOptions(linear_deceleration=0.05))
+    with started(sim, slow) as driver:
+        driver.connect()
+        q = driver.outputs("actual_q")
+        driver.supervisor.send_speed_cartesian([0, 0, 0.1, 0, 0, 0], 1.0, LONG)
+        driver.until(lambda: driver.outputs("target_TCP_speed")[2] > 0.09, "motion")
+        waiting = driver.supervisor.move_joint(shifted(q, 0, 1.0), 0.5, 2.0)
+        driver.until(lambda: driver.supervisor.status.heartbeat.settling, "settling")
+        newest = driver.supervisor.move_joint(shifted(q, 1, 0.1), 1.0, 5.0)
+        driver.event(EventKind.INTERRUPTED, waiting)
+        driver.event(EventKind.MOVE_DONE, newest)
+        assert driver.outputs("target_q")[0] == pytest.approx(q[0], abs=2e-3)
 
 
 def test_refusal_of_the_library_is_reported_and_the_arm_goes_on(driver):
@@ -389,7 +424,8 @@ def test_payload_and_tcp_reach_the_controller(driver):
     driver.ask("set_tcp", pose=[0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     driver.ask("set_gravity", direction=[0.0, 0.0, 9.82])
     driver.until(lambda: driver.outputs("payload") == pytest.approx(1.5), "payload")
-    assert driver.outputs("tcp_offset") == pytest.approx([0, 0, 0.1, 0, 0, 0])
+    tool = [0, 0, 0.1, 0, 0, 0]
+    driver.until(lambda: driver.outputs("tcp_offset") == pytest.approx(tool), "the tool")
 
 
 def test_speed_slider_and_digital_output(driver):
@@ -443,8 +479,8 @@ def test_program_stopped_on_the_pendant_is_reported_and_uploaded_again(driver):
 
 def test_close_stops_the_arm_and_the_program(process):
     process.connect()
-    process.run(0.3, lambda: process.supervisor.send_speed_joint([0.3, 0, 0, 0, 0, 0], 2.0, 1.0))
-    assert not process.stands()
+    process.supervisor.send_speed_joint([0.3, 0, 0, 0, 0, 0], 2.0, LONG)
+    process.until(lambda: not process.stands(), "motion")
     pid = process.supervisor.status.pid
     process.supervisor.close()
     assert not os.path.exists(f"/proc/{pid}")
@@ -456,8 +492,9 @@ def test_close_stops_the_arm_and_the_program(process):
 
 DRIVER_PROGRAM = """
 import sys, time
+from crtk_driver_ur.control_options import ControlOptions
 from crtk_driver_ur.library.supervisor import (ControlSupervisor,)
-supervisor = ControlSupervisor(sys.argv[1])
+supervisor = ControlSupervisor(sys.argv[1], ControlOptions(watchdog_frequency=float(sys.argv[2])))
 supervisor.start()
 supervisor.connect()
 while not supervisor.status.heartbeat.program_running:
@@ -474,11 +511,11 @@ while True:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_death_or_freeze_of_the_driver_stops_the_arm(sim, number):
     program = subprocess.Popen(
-        [sys.executable, "-c", DRIVER_PROGRAM, sim.host],
+        [sys.executable, "-c", DRIVER_PROGRAM, sim.host, str(QUICK_WATCHDOG)],
         stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
     )
-    driver = Driver(sim)
+    driver = Driver(sim, PATIENT)
     try:
         assert program.stdout is not None
         pid = int(program.stdout.readline())
@@ -511,8 +548,8 @@ def is_running(pid: int) -> bool:
 
 
 def test_killed_process_is_noticed_replaced_and_the_arm_stops(driver):
-    driver.run(0.3, lambda: driver.supervisor.send_speed_joint([0.2, 0, 0, 0, 0, 0], 2.0, 5.0))
-    assert not driver.stands()
+    driver.supervisor.send_speed_joint([0.2, 0, 0, 0, 0, 0], 2.0, LONG)
+    driver.until(lambda: not driver.stands(), "motion")
     os.kill(driver.supervisor.status.pid, signal.SIGKILL)
     died = driver.event(EventKind.PROCESS_DIED)
     assert "control process" in died.error.text
@@ -556,7 +593,8 @@ def test_signals_for_the_group_are_left_to_the_driver(driver, number):
     assert os.getsid(pid) == pid, "Ctrl-C in the terminal must not reach it"
     os.kill(pid, number)
     driver.run(0.3)
-    assert driver.supervisor.status.responsive
+    driver.until(lambda: driver.supervisor.status.responsive, "it answers")
+    assert driver.supervisor.status.pid == pid
     assert driver.outputs("runtime_state") == PLAYING
 
 

@@ -19,7 +19,7 @@ DEFECTS = (
 def measured(defects: str) -> tuple[list[Any], list[Any], Any]:
     """Return joint states and poses of an arm that stands, and its kinematics."""
     options = {"defects": defects, "version": "5.25.0"}
-    with crtk_drivers.connect("ur", sim=True, sim_options=options, **PATIENT) as arm:
+    with crtk_drivers.connect("ur", sim=True, sim_options=options, timeout=LONG, **PATIENT) as arm:
         states, poses = [], []
         for _ in range(100):
             before = arm.health().samples

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from typing_extensions import override
 
 from crtk_driver_ur.models import Limits
 from crtk_driver_ur.native import link
@@ -23,11 +24,13 @@ from crtk_driver_ur.native.program import (
 )
 from crtk_driver_ur.native.registers import ControlChannel
 from crtk_driver_ur.program_settings import AXES
-from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
+from crtk_driver_ur.rtde.codec import DataPackage
+from crtk_driver_ur.rtde.state_sample import StateSample
+from crtk_driver_ur.rtde.stream import RtdeStream
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_sim_backends.ur import RunningSim
-from rigs.ur_bench import HOME, LONG, UrBench, brisk_sim, eventually, ur_bench
+from rigs.ur_bench import FAR, HOME, LONG, UrBench, brisk_sim, eventually, ur_bench
 
 STOPPED, PLAYING = 1, 2
 NORMAL = 1
@@ -43,7 +46,18 @@ RANGES = Limits((-6.28,) * 6, (6.28,) * 5 + (0.5,))
 SLIDER_RAMP = 0.25
 """Seconds that the controller takes at most until it is as slow as the slider says."""
 NATIVE = {"control": "native"}
-FAR = [2.5, *HOME[1:]]
+
+
+class EveryState(RtdeStream):
+    """Gives each state that comes, also where its reader was held up; others are older than the newest."""
+
+    @override
+    def _read_packages(self) -> tuple[DataPackage | None, int]:
+        packages = self._early
+        if not packages:
+            packages = [message for message in self._read() if isinstance(message, DataPackage)]
+        first, self._early = packages[:1], packages[1:]
+        return (first[0], 1) if first else (None, 0)
 
 
 class Rig:
@@ -54,7 +68,7 @@ class Rig:
         self.first = first
         self.channel = ControlChannel(sim.host, first)
         self.states: list[StateSample] = []
-        self._stream = RtdeStream(sim.host)
+        self._stream = EveryState(sim.host)
         self._stream.open(time.monotonic() + LONG)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read)
@@ -96,14 +110,19 @@ class Rig:
         assert found is not None
         return found
 
-    def until(self, test) -> StateSample:
-        """Return the first state from now on that passes."""
-        index = max(0, len(self.states) - 1)
+    def until(self, test, begin: int | None = None) -> StateSample:
+        """Return the first state that passes, from now on or from number `begin` on."""
+        seen = max(0, len(self.states) - 1) if begin is None else begin
 
         def found() -> StateSample | None:
-            return next((state for state in self.states[index:] if test(state)), None)
+            nonlocal seen
+            unseen = self.states[seen:]
+            seen += len(unseen)
+            return next((state for state in unseen if test(state)), None)
 
-        state: StateSample = eventually(found, "that state")
+        state: StateSample = eventually(
+            found, lambda: f"that state; the last was {self.states[-1]}"
+        )
         return state
 
     def pass_time(self, seconds: float) -> None:
@@ -195,8 +214,9 @@ def test_what_an_earlier_program_left_in_the_registers_is_not_carried_out():
 @pytest.mark.parametrize("kind", [Kind.SPEED_JOINT, Kind.SPEED_CARTESIAN])
 def test_a_speed_expires_on_the_controller_although_the_watchdog_is_fed(rig, kind):
     rig.start()
+    begin = len(rig.states)
     sequence = rig.channel.command(kind, (0.0, 0.0, 0.0, 0.0, 0.0, 0.3), 5.0, 0.2)
-    moving = rig.until(lambda state: abs(state.target_qd[5]) > 0.29)
+    moving = rig.until(lambda state: abs(state.target_qd[5]) > 0.29, begin)
     rig.channel.feed()
     done = rig.until_done(sequence)
     assert max(map(abs, done.target_qd)) < 1e-3
@@ -216,18 +236,19 @@ def test_the_program_goes_on_in_each_cycle_however_low_the_speed_slider_is(rig, 
     lasts = 0.4
     begin = len(rig.states)
     rig.channel.command(kind, values, 300.0 if kind is Kind.SERVO_JOINT else 5.0, lasts)
-    rig.until(lambda state: rig.registers(state)[2] == Phase.MOVING)
+    first = rig.until(lambda state: rig.registers(state)[2] == Phase.MOVING, begin)
     if kind is Kind.SERVO_JOINT:
         rig.pass_time(lasts)
         rig.channel.command(Kind.REST)
-    end = rig.until(lambda state: rig.registers(state)[2] != Phase.MOVING)
+    ended = lambda state: rig.registers(state)[2] != Phase.MOVING  # noqa: E731
+    end = rig.until(lambda state: state.timestamp > first.timestamp and ended(state), begin)
     moving = [state for state in rig.states[begin:] if rig.registers(state)[2] == Phase.MOVING]
     counted = rig.registers(end)[4] - rig.registers(moving[0])[4]
     seconds = end.timestamp - moving[0].timestamp
     assert counted == pytest.approx(500.0 * seconds, abs=2.0)
     fastest = max(abs(state.target_qd[5]) for state in moving)
     if kind is not Kind.SERVO_JOINT:
-        late = 0.002 * (1 + moving[0].skipped + end.skipped)
+        late = 0.002 * (1 + moving[0].lost + end.lost)
         assert seconds == pytest.approx(lasts, abs=0.004 + late), "a speed expires in real time"
         assert fastest == pytest.approx(slider * min(0.4, 5.0 * lasts * slider), abs=0.01)
     rig.sim.control.clear("speed_slider")
@@ -253,6 +274,28 @@ def test_a_speed_slider_that_jumps_down_in_motion_stops_nothing(rig, slider):
     assert rig.states[-1].target_qd[5] == pytest.approx(0.3 * slider, abs=1e-3)
 
 
+@pytest.mark.parametrize("told", [0.0, 1.0])
+def test_an_arm_that_the_slider_held_back_does_not_leap_after_its_target(rig, told):
+    """Whether the driver hears of the slider while it is down, or does not."""
+    rig.start()
+    goal = (2.5, *HOME[1:])
+    begin = len(rig.states)
+    rig.channel.command(Kind.SERVO_JOINT, goal, 300.0)
+    rig.until(lambda state: state.target_qd[0] > 1.0, begin)
+    rig.sim.control.inject("speed_slider", fraction=0.0)
+    rig.channel.scaling = told
+    rig.channel.command(Kind.SERVO_JOINT, goal, 300.0)
+    rig.until(lambda state: not any(state.target_qd))
+    rig.pass_time(1.0)
+    rig.channel.scaling = 1.0
+    rig.channel.command(Kind.SERVO_JOINT, goal, 300.0)
+    rig.sim.control.clear("speed_slider")
+    begin = len(rig.states)
+    there = rig.until(lambda state: abs(state.target_q[0] - goal[0]) < 1e-3)
+    assert there.runtime_state == PLAYING
+    assert max(state.target_qd[0] for state in rig.states[begin:]) <= SPEEDS[0] * 1.001
+
+
 @pytest.mark.sweep(4)
 @pytest.mark.parametrize("kind", [Kind.SPEED_CARTESIAN, Kind.SPEED_JOINT])
 @pytest.mark.parametrize("slider", [0.5, 0.1])
@@ -271,7 +314,7 @@ def test_a_slow_arm_stops_before_the_end_of_a_range_as_well(rig, kind, slider):
 
 def test_a_setting_does_not_disturb_a_motion(rig):
     rig.start()
-    goal = (0.4, *HOME[1:])
+    goal = (2.5, *HOME[1:])
     sequence = rig.channel.command(Kind.MOVE_JOINT, goal, 1.0, 4.0)
     rig.until(lambda state: state.target_qd[0] > 0.5)
     number = rig.channel.set(Setting.PAYLOAD, (1.25, 0.01, 0.0, 0.02))
@@ -288,10 +331,11 @@ def test_a_newer_command_of_another_kind_begins_from_rest(rig):
     start = len(rig.states) - 1
     sequence = rig.channel.command(Kind.MOVE_JOINT, HOME, 1.0, 4.0)
     rig.until_done(sequence)
-    phases = [rig.registers(state)[2] for state in rig.states[start:]]
+    states = rig.states[start:]
+    phases = [rig.registers(state)[2] for state in states]
     assert phases.index(Phase.STOPPING) < len(phases) - 1 - phases[::-1].index(Phase.MOVING)
-    steps = np.abs(np.diff([state.target_qd[0] for state in rig.states[start:]]))
-    times = np.diff([state.timestamp for state in rig.states[start:]])
+    steps = np.abs(np.diff([state.target_qd[0] for state in states]))
+    times = np.diff([state.timestamp for state in states])
     assert (steps / times).max() < 6.0, "no jump of the speed"
 
 
@@ -310,9 +354,11 @@ def stream_through_stalls(rig: Rig, seconds: float, lump: float) -> Streamed:
     rig.start()
     start = len(rig.states)
     rig.sim.control.inject("coalesce", port="rtde", seconds=lump, direction="in")
-    began = time.monotonic()
+    began, end = time.monotonic(), rig.states[-1].timestamp + seconds
     sent: dict[int, float] = {}
-    while (now := time.monotonic() - began) < seconds:
+    while rig.states[-1].timestamp < end:
+        now = time.monotonic() - began
+        assert now < LONG, "the controller stands still"
         sent[rig.channel.command(Kind.SERVO_JOINT, (now, *HOME[1:]), 300.0)] = now
         time.sleep(0.002)
     rig.sim.control.clear()
@@ -337,8 +383,12 @@ def test_commands_that_arrive_late_are_no_jump(rig):
     # What it takes to stop at the last target from where the smoothing is behind it.
     needed = 0.5 * fastest / (LOOKAHEAD - SERVOJ_LOOKAHEAD)
     assert streamed.accelerations.min() > -1.1 * max(ACCELERATION, needed)
-    # A sender or a simulator that was held up itself makes the lump longer, and there is more to make up for.
-    assert fastest < 1.0 + 0.65 * max(1.0, streamed.longest_step / lump)
+    # A sender or a simulator that was held up itself makes the lump longer, and there is more to make up for:
+    # at most as fast as one gets, on this way and that of catching up with 1 rad/s, without slowing down.
+    step = streamed.longest_step
+    held_up = step > 1.2 * lump
+    extra = np.sqrt(2.0 * ACCELERATION * step + 1.0) if held_up else 0.65 * max(1.0, step / lump)
+    assert fastest < 1.0 + extra
 
 
 def test_the_program_goes_no_further_than_it_was_told_and_as_fast_as_it_may(rig):
@@ -359,8 +409,9 @@ def test_what_cannot_be_meant_stops_the_arm(rig, kind, bad):
         Kind.SPEED_JOINT: (0.5, 0.0, 0.0, 0.0, 0.0, 0.0),
         Kind.SPEED_CARTESIAN: (0.0, 0.0, 0.1, 0.0, 0.0, 0.3),
     }[kind]
+    begin = len(rig.states)
     rig.channel.command(kind, moving, 1.0, LONG)
-    rig.until(lambda state: max(map(abs, state.target_qd)) > 0.2)
+    rig.until(lambda state: max(map(abs, state.target_qd)) > 0.2, begin)
     done = rig.until_done(rig.channel.command(kind, (bad, *moving[1:]), 1.0, LONG))
     assert max(map(abs, done.target_qd)) < 1e-3
     assert done.runtime_state == PLAYING
@@ -398,8 +449,9 @@ def test_a_twist_into_a_singularity_stops_before_the_controller_trips(rig, kind)
             taken = rig.channel.set(setting, values)
             rig.until(lambda state, taken=taken: rig.registers(state)[3] == taken)
     outwards = {Kind.SPEED_CARTESIAN: 0.25, Kind.FORCE: 60.0}[kind] * OUTWARDS
+    begin = len(rig.states)
     rig.channel.command(kind, (*outwards, 0.0, 0.0, 0.0), 2.0, LONG)
-    rig.until(lambda state: rig.registers(state)[2] == Phase.STOPPING)
+    rig.until(lambda state: rig.registers(state)[2] == Phase.STOPPING, begin)
     done = rig.until(lambda state: rig.registers(state)[2] == Phase.STANDING)
     assert max(map(abs, done.target_qd)) < 1e-3
     assert (done.safety_mode, done.runtime_state) == (NORMAL, PLAYING)
@@ -408,24 +460,28 @@ def test_a_twist_into_a_singularity_stops_before_the_controller_trips(rig, kind)
 
 def test_quit_stops_and_ends_the_program(rig):
     rig.start()
-    rig.channel.command(Kind.SERVO_JOINT, (0.05, *HOME[1:]), 300.0)
-    rig.until(lambda state: state.target_qd[0] > 0.1)
+    begin = len(rig.states)
+    rig.channel.command(Kind.SERVO_JOINT, FAR, 300.0)
+    rig.until(lambda state: state.target_qd[0] > 0.1, begin)
     rig.channel.command(Kind.QUIT)
     ended = rig.until(lambda state: state.runtime_state == STOPPED)
     assert max(map(abs, ended.target_qd)) < 1e-3
-    assert ended.target_q[0] < 0.06
+    assert ended.target_q[0] < FAR[0] - 0.1
 
 
 def test_the_arm_stops_a_declared_time_after_the_last_package():
     """Measured at the controller, on its own clock: from its cycle of the package to the program's end."""
-    frequency = 5.0
+    frequency = (
+        1.0  # or a test that is held up finds that it has ended before it was given anything
+    )
     with rig_at() as rig:
         rig.start(frequency)
+        sent = len(rig.states)
         rig.channel.command(Kind.SPEED_JOINT, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0), 5.0, LONG)
-        begin = rig.until(lambda state: rig.registers(state)[1] == 1).timestamp
+        begin = rig.until(lambda state: rig.registers(state)[1] == 1, sent).timestamp
         rig.channel.close()
-        end = rig.until(lambda state: state.runtime_state != PLAYING)
-        late = (end.skipped + 1) / 500.0
+        end = rig.until(lambda state: state.runtime_state != PLAYING, sent)
+        late = (end.lost + 1) / 500.0
         # The driver's last package is at most so old when its link breaks.
         assert 1.0 / frequency - 0.01 < end.timestamp - begin < 1.0 / frequency + 0.01 + late
         still = rig.until(lambda state: state.runtime_state == STOPPED)
@@ -536,26 +592,24 @@ def press(bench: UrBench, wrench, until, what: str) -> None:
 
 
 def choose(bench: UrBench, kind: str, *axes: str) -> None:
-    for axis in AXES:
-        getattr(bench.arm, f"{kind}_axis_{axis}")(axis in axes)
+    names = {axis: f"{kind}_axis_{axis}" for axis in AXES}
+    for axis, name in names.items():
+        getattr(bench.arm, name)(axis in axes)
     request, arguments = bench.device._settings._chosen_axes(kind)
     assert arguments["axes"] == [float(axis in axes) for axis in AXES]
-    taken = bench.device._link._reported.setting
-    eventually(lambda: not bench.device._inputs._given, f"{request} is sent")
-    eventually(lambda: bench.device._link._reported.setting > taken, f"{request} is taken")
-    eventually(lambda: not bench.device._link._settings, "all of them are")
+    changing = bench.device._inputs.is_changing
+    eventually(lambda: not any(map(changing, names.values())), f"{request} is taken")
 
 
 def test_servo_cf_presses_along_the_chosen_axes_and_ends_with_its_stream(bench):
     choose(bench, "force", "z")
-    before = tool(bench)
-    press(
-        bench,
-        [20.0, 0.0, 20.0, 0.0, 0.0, 0.0],
-        lambda: tool(bench)[2] > before[2] + 0.02,
-        "it gives way",
-    )
-    np.testing.assert_allclose(bench.arm.setpoint_cf().force, [20.0, 0.0, 20.0])
+    before, wrench = tool(bench), [20.0, 0.0, 20.0, 0.0, 0.0, 0.0]
+
+    def told() -> bool:
+        return np.array_equal(bench.arm.setpoint_cf(age=0).vector, wrench)
+
+    press(bench, wrench, lambda: told() and tool(bench)[2] > before[2] + 0.02, "it gives way")
+    eventually(lambda: not bench.arm.health().stream, "the stream has ended")
     bench.until_still()
     np.testing.assert_allclose(tool(bench)[:2], before[:2], atol=1e-3)
     with bench.nothing_moves():

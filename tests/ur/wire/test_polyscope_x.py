@@ -85,11 +85,10 @@ def test_programs(bench):
 
 
 def test_pop_ups_log_and_answers(bench):
-    picture = bench.sim.control.call
     bench.arm.popup("mind the arm")
-    eventually(lambda: picture("picture")["popup"] == "mind the arm", "shown")
+    eventually(lambda: bench.sim.control.status()["popup"] == "mind the arm", "shown")
     assert bench.arm.close_popup(timeout=LONG) == "closed"
-    assert picture("picture")["popup"] is None
+    assert bench.sim.control.status()["popup"] is None
     assert bench.arm.close_safety_popup(timeout=LONG) == "closed"
     bench.arm.add_to_log("run 7")
     assert bench.arm.serial_number(timeout=LONG) == "20235500001"

@@ -11,12 +11,14 @@ from contextlib import closing, contextmanager
 
 import pytest
 
-from crtk_driver_ur.rtde.stream import RtdeStream, StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
+from crtk_driver_ur.rtde.stream import RtdeStream
 from crtk_driver_ur.rtde.variables import OPTIONAL_OUTPUTS, OUTPUTS
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_sim_backends.ur import SIM
+from rigs.waiting import eventually
 
-LONG = 5.0
+LONG = 20.0
 """Deadline for what has to happen; it never passes unless something is broken."""
 
 
@@ -46,16 +48,33 @@ def receive_until_broken(stream: RtdeStream) -> None:
         stream.receive(deadline)
 
 
-def refused_open(host: str, seconds: float) -> ConnectionFailed:
-    """Open until it fails: a fault comes into force shortly after it was injected."""
+def refused_open(host: str, seconds: float, words: str = "") -> ConnectionFailed:
+    """Open until it fails, and says so.
+
+    A fault comes into force shortly after it was injected, and who is held up has no time for another step.
+    """
     deadline = soon()
     while time.monotonic() < deadline:
         with closing(RtdeStream(host)) as stream:
             try:
                 stream.open(soon(seconds))
             except ConnectionFailed as error:
-                return error
+                if words in error.message:
+                    return error
     pytest.fail("the stream can still be opened")
+
+
+@contextmanager
+def silent(sim, stream: RtdeStream) -> Iterator[None]:
+    """Let the controller send nothing; what it sent until then has been received."""
+    sim.control.inject("silence", port="rtde")
+    try:
+        eventually(lambda: sim.control.status()["faults"], "it says nothing")
+        while stream.receive(soon(0.05)) is not None:
+            pass
+        yield
+    finally:
+        sim.control.clear("silence")
 
 
 @pytest.fixture(scope="module")
@@ -111,10 +130,22 @@ def test_lower_frequency(sim):
         assert steps == pytest.approx(1 + second.lost + second.skipped, abs=1e-6)
 
 
+def test_of_states_that_all_come_fewer_become_samples(sim):
+    with opened(sim.host, frequency=125.0, sees_all=True) as stream:
+        assert stream.frequency == 125.0
+        first, second = next_sample(stream), next_sample(stream)
+        steps = round((second.timestamp - first.timestamp) * 500.0)
+        assert steps >= 4
+        assert second.passed
+        assert second.lost == stream.counters.lost == 0
+        assert stream.counters.received >= 1 + steps
+
+
 def test_every_controller_cycle_is_accounted_for(sim):
     with opened(sim.host) as stream:
         first = next_sample(stream)
-        time.sleep(0.1)
+        clock = lambda: sim.control.outputs("timestamp")["timestamp"]  # noqa: E731
+        eventually(lambda: clock() > first.timestamp + 0.1, "the controller goes on")
         late = next_sample(stream)
         assert late.skipped > 10
         cycles = round((late.timestamp - first.timestamp) * stream.frequency)
@@ -148,15 +179,10 @@ def test_corrupt_bytes_end_in_a_protocol_error_or_are_counted(sim):
 def test_silence_ends_at_the_deadline_without_blocking(sim):
     with opened(sim.host) as stream:
         next_sample(stream)
-        sim.control.inject("silence", port="rtde")
-        try:
-            while stream.receive(soon(0.1)) is not None:
-                pass
+        with silent(sim, stream):
             before = time.monotonic()
             assert stream.receive(before + 0.05) is None
             assert time.monotonic() >= before + 0.05
-        finally:
-            sim.control.clear("silence")
         assert next_sample(stream).timestamp > 0
 
 
@@ -185,8 +211,7 @@ def test_controller_that_is_killed():
 def test_accepts_but_never_answers(sim):
     sim.control.inject("no_answer", port="rtde")
     try:
-        error = refused_open(sim.host, 0.3)
-        assert "protocol version is not answered" in error.message
+        error = refused_open(sim.host, 0.3, "protocol version is not answered")
         assert f"{sim.host}:30004" in str(error)
         assert error.remedy
     finally:
@@ -210,10 +235,7 @@ def test_name_that_cannot_be_resolved():
 def test_close_from_another_thread_ends_a_waiting_receive(sim):
     stream = RtdeStream(sim.host)
     stream.open(soon())
-    sim.control.inject("silence", port="rtde")
-    try:
-        while stream.receive(soon(0.05)) is not None:
-            pass
+    with silent(sim, stream):
         caught: list[Exception] = []
 
         def wait() -> None:
@@ -229,8 +251,6 @@ def test_close_from_another_thread_ends_a_waiting_receive(sim):
         assert not thread.is_alive()
         assert len(caught) == 1
         stream.close()
-    finally:
-        sim.control.clear("silence")
 
 
 def test_a_stream_is_used_once(sim):
@@ -343,6 +363,42 @@ def test_lost_packages_are_counted_from_the_controllers_clock():
         send(state_package(1.008))
         assert next_sample(stream).lost == 3
         assert (stream.counters.lost, stream.counters.gaps) == (3, 1)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_what_was_told_between_two_samples_is_not_missed(together):
+    """A program that ran no more for one state only."""
+    stood, runs = (state_package(at, "runtime_state", of) for at, of in ((1.004, 1), (1.008, 2)))
+    between = [state_package(1.002, "runtime_state", 2), stood, state_package(1.006)]
+    with (
+        peer({**ACCEPT, ord("O"): GOOD_SETUP}) as (port, send),
+        opened("127.0.0.1", port=port, frequency=125.0, sees_all=True) as stream,
+    ):
+        send(state_package(1.0))
+        assert next_sample(stream).passed == ()
+        for package in [b"".join([*between, runs])] if together else [*between, runs]:
+            send(package)
+        found = next_sample(stream)
+        assert (found.timestamp, found.lost, found.skipped) == (1.008, 0, 0)
+        assert set(found.passed) == {0, 1, 2}
+        assert stream.counters.received == 5
+
+
+def test_what_is_told_beside_a_number_that_is_none_does_not_count():
+    """Of a package that was passed over as of the newest: all of it is in doubt."""
+    good = [state_package(at, "runtime_state", 2) for at in (1.002, 1.006, 1.008)]
+    good.insert(1, state_package(1.004, "actual_q", math.nan))
+    with (
+        peer({**ACCEPT, ord("O"): GOOD_SETUP}) as (port, send),
+        opened("127.0.0.1", port=port, frequency=125.0, sees_all=True) as stream,
+    ):
+        send(state_package(1.0, "runtime_state", 2))
+        next_sample(stream)
+        send(b"".join(good))
+        found = next_sample(stream)
+        assert (found.timestamp, found.lost) == (1.008, 0)
+        assert set(found.passed) == {2}
+        assert stream.counters.malformed == 1
 
 
 def test_of_packages_that_came_together_the_newest_is_returned():

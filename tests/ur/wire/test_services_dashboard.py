@@ -1,13 +1,12 @@
 """Services of the UR driver: dashboard commands and the force sensor, against a simulated controller."""
 
-import threading
 from unittest.mock import patch
 
 import pytest
 
 from crtk_driver_ur import robot
 from crtk_drivers.errors import CommandRefused, DeviceFault, Reason, TransitionFailed
-from rigs.ur_bench import LONG, UrBench, brisk_sim, driver_at, eventually, ur_bench
+from rigs.ur_bench import FAR, LONG, UrBench, brisk_sim, driver_at, eventually, ur_bench
 
 UNLOCK_AFTER = robot.UNLOCK_AFTER
 """As it is without a bench."""
@@ -70,6 +69,25 @@ def test_power_goes_up_and_down_step_by_step_and_moves_nothing(idle):
         arm.enable(timeout=LONG)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("stop", ["hold", "disable"])
+def test_no_brakes_are_released_after_a_stop_that_came_while_the_power_did(stop):
+    with (
+        brisk_sim(model="ur5e", powered_on=False, power_seconds=4.0) as sim,
+        driver_at(sim) as idle,
+    ):
+        asked = idle.engine.request("brake_release")
+        idle.until_outputs(robot_mode=(4,))
+        getattr(idle.arm, stop)()
+        with pytest.raises(TransitionFailed, match="brake_release was broken off"):
+            asked.wait(LONG)
+        idle.until_outputs(robot_mode=(IDLE,) if stop == "hold" else (POWER_OFF,))
+        assert idle.watch(0.5) < 1e-3
+        assert idle.outputs("robot_mode") in (POWER_OFF, IDLE)
+        assert idle.status.state == "DISABLED"
+        idle.arm.enable(timeout=LONG)
+
+
 def test_power_off_is_refused_while_the_arm_is_under_control(bench):
     with bench.nothing_moves():
         refused(bench.arm.power_off, Reason.INVALID_TRANSITION, "disable")
@@ -112,6 +130,7 @@ def test_the_safety_system_is_restarted_after_a_violation_only(bench):
 def test_in_an_emergency_stop_no_power_comes_on(idle):
     idle.inject("emergency_stop")
     idle.until_outputs(safety_mode=(7,))
+    idle.cycles(2)  # the first of these may have been on its way
     for service in ("power_on", "brake_release"):
         with pytest.raises(DeviceFault, match="emergency stop"):
             getattr(idle.arm, service)(timeout=LONG)
@@ -165,33 +184,29 @@ def test_zeroing_takes_the_load_off(bench):
     bench.arm.zero_force_sensor(timeout=LONG)
 
 
-def test_a_load_that_changes_meanwhile_is_found_out(bench):
-    stop = threading.Event()
+def test_a_load_that_changes_meanwhile_is_found_out(bench, monkeypatch):
+    ask = bench.device._link.ask
 
-    def push() -> None:
-        torque = 0.0  # which stops no arm, as a force would
-        while not stop.is_set():
-            torque += 4.0
-            bench.sim.control.inject("external_force", wrench=[0.0] * 5 + [torque])
-            stop.wait(0.02)
+    def ask_and_push(name, **arguments):
+        answer = yield from ask(name, **arguments)
+        torque = 4.0  # which stops no arm, as a force would
+        bench.sim.control.inject("external_force", wrench=[0.0] * 5 + [torque])
+        return answer
 
-    pushing = threading.Thread(target=push)
-    pushing.start()
-    try:
-        with pytest.raises(TransitionFailed, match="measures"):
-            bench.arm.zero_force_sensor(timeout=LONG)
-    finally:
-        stop.set()
-        pushing.join()
-        bench.sim.control.clear("external_force")
+    monkeypatch.setattr(bench.device._link, "ask", ask_and_push)
+    with pytest.raises(TransitionFailed, match="measures"):
+        bench.arm.zero_force_sensor(timeout=LONG)
+    monkeypatch.undo()
+    bench.sim.control.clear("external_force")
     bench.arm.zero_force_sensor(timeout=LONG)
 
 
 def test_zeroing_is_refused_while_the_arm_moves_or_is_not_under_control(bench):
-    move = bench.arm.move_jp([1.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+    bench.arm.move_jp(FAR)
     bench.until_moving()
     refused(bench.arm.zero_force_sensor, Reason.INVALID_TRANSITION, "moves")
-    assert move.wait(LONG)
+    bench.arm.hold()
+    bench.until_still()
     bench.arm.pause(timeout=LONG)
     refused(bench.arm.zero_force_sensor, Reason.NOT_ENABLED, "enable")
 

@@ -78,6 +78,8 @@ def peer(data: bytes) -> Iterator[int]:
 def test_it_tells_what_the_arm_is(sim, said):
     sim.control.inject("digital_inputs", bits=5)
     try:
+        inputs = {"actual_digital_input_bits": 5}
+        eventually(lambda: sim.control.outputs(*inputs) == inputs, "they are set")
         assert info(config(sim.host), InfoOptions()) == 0
     finally:
         sim.control.clear("digital_inputs")

@@ -2,6 +2,7 @@
 
 import socket
 import struct
+import threading
 import time
 
 import numpy as np
@@ -16,7 +17,7 @@ VOLTAGE_BITS = {0: 4, 1: 8}
 
 @pytest.fixture(scope="module")
 def shared():
-    with ur_bench() as bench:
+    with ur_bench({"stream_timeout": 10.0}) as bench:
         yield bench
 
 
@@ -177,7 +178,10 @@ def test_an_output_that_another_client_has_is_said_so():
         assert "Close the other client" in text
         bench.arm.digital_out_2(True)
         bench.until_outputs(actual_digital_output_bits=(4,))
+        connections = lambda: len(bench.sim.control.status()["connections"]["rtde"])  # noqa: E731
+        before = connections()
         other.close()
+        eventually(lambda: connections() < before, "its variables are free")
         bench.arm.configurable_out_2(True)
         bench.until_outputs(actual_digital_output_bits=(4 | 1 << 10,))
         eventually(lambda: not problems(bench), "the note goes away")
@@ -191,6 +195,29 @@ def test_a_value_that_the_controller_does_not_take_is_said_so():
         bench.arm.tool_voltage(12.0)
         text = eventually(lambda: problems(bench).get("tool_voltage"), "a note")
         assert "set to 12, but the controller does not report it" in text
+
+
+def test_a_value_is_not_judged_by_a_state_from_before_its_time_was_over(bench, monkeypatch):
+    """The I/O thread was held up after it had read that state."""
+    geometry, inputs, held_up = bench.device._geometry, bench.device._inputs, threading.Event()
+    follow = geometry.follow_tool
+
+    def follow_late(state) -> None:
+        follow(state)
+        if inputs._checking and not held_up.is_set():
+            late = max(until for _, until in inputs._checking.values())
+            eventually(lambda: time.monotonic() > late, "its time is over")
+            held_up.set()
+
+    bench.inject("delay", port="rtde", seconds=0.2, direction="out")
+    monkeypatch.setattr(geometry, "follow_tool", follow_late)
+    bench.arm.digital_out_0(True)
+    assert held_up.wait(LONG)
+    eventually(lambda: not inputs.is_changing("digital_out_0"), "it is taken")
+    assert "digital_out_0" not in problems(bench)
+    bench.sim.control.clear()
+    bench.arm.digital_out_0(False)
+    bench.until_outputs(actual_digital_output_bits=(0,))
 
 
 def test_outputs_after_the_controller_was_away():

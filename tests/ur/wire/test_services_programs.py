@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,9 @@ from crtk_drivers.errors import (
     TransitionFailed,
 )
 from rigs.ur_bench import LONG, WAYS, UrBench, eventually, ur_bench
+
+STOPPED, PLAYING = 1, 2
+"""Values of `runtime_state`."""
 
 MOVING = "def turn():\n  movej([0.4, -1.57, 1.57, -1.57, -1.57, 0.0], a=6, v=2)\n  sleep(60)\nend\n"
 
@@ -29,6 +33,8 @@ def shared(request, tmp_path_factory) -> Iterator[UrBench]:
 
 @pytest.fixture
 def bench(shared: UrBench) -> UrBench:
+    if shared.arm.state.program_running() and shared.status.state != "ENABLED":
+        shared.arm.stop_program(timeout=LONG)  # which a test that failed has left
     shared.reset()
     return shared
 
@@ -39,7 +45,7 @@ def problems(bench: UrBench) -> dict[str, str]:
 
 def shown(bench: UrBench) -> str | None:
     """Return what the teach pendant shows."""
-    return bench.sim.control.call("picture")["popup"]
+    return bench.sim.control.status()["popup"]
 
 
 def refused(call, reason: Reason, words: str) -> None:
@@ -62,7 +68,7 @@ def test_a_program_is_loaded_played_paused_and_stopped_and_control_comes_back(be
     eventually(lambda: bench.arm.state.program() == "PAUSED", "paused")
     assert bench.arm.play_program(timeout=LONG) == "Starting program"
     eventually(lambda: abs(bench.q()[0] - 0.4) < 1e-3, "it goes on")
-    assert bench.arm.state.program_running() is True
+    eventually(lambda: bench.arm.state.program_running() is True, "told")
     with pytest.raises(CommandRefused, match="another program"):
         bench.arm.enable(timeout=LONG)
     assert bench.arm.stop_program(timeout=LONG) == "Stopped"
@@ -107,6 +113,52 @@ def test_a_program_is_not_started_in_a_stop_nor_in_local_control(bench):
     eventually(lambda: bench.arm.state.remote_control() is True, "told")
 
 
+def test_a_program_is_not_started_after_a_stop(bench):
+    bench.arm.disable(timeout=LONG)
+    load(bench, "turn.script")
+    bench.inject("delay", port="dashboard", seconds=0.6, direction="in")
+    with bench.nothing_moves():
+        asked = bench.engine.request("play_program")
+        bench.arm.hold()
+        with pytest.raises(TransitionFailed, match="broken off: by hold"):
+            asked.wait(LONG)
+        bench.sim.control.clear()
+        assert "STOPPED" in bench.arm.program_state(timeout=LONG), "nothing else was on its way"
+    assert bench.arm.state.program_running() is False
+
+
+@pytest.mark.slow
+def test_a_stop_before_the_answer_ends_the_program_that_was_started(bench):
+    bench.arm.disable(timeout=LONG)
+    load(bench, "turn.script")
+    bench.inject("delay", port="dashboard", seconds=1.0, direction="out")
+    asked = bench.engine.request("play_program")
+    bench.until_outputs(runtime_state=(PLAYING,))
+    bench.arm.hold()
+    with pytest.raises(TransitionFailed, match="broken off: by hold"):
+        asked.wait(LONG)
+    bench.until_outputs(runtime_state=(STOPPED,))
+    bench.until_still()
+
+
+def test_a_stop_in_the_very_step_of_the_answer_ends_the_program(bench, monkeypatch):
+    bench.arm.disable(timeout=LONG)
+    load(bench, "turn.script")
+    services = bench.engine._requests._services
+    play = services["play_program"]
+
+    def play_and_stop():
+        answer = yield from play.run()
+        bench.engine.submit("hold")
+        return answer
+
+    monkeypatch.setitem(services, "play_program", replace(play, run=play_and_stop))
+    assert bench.engine.request("play_program").wait(LONG) == "Starting program"
+    assert "STOPPED" in bench.arm.program_state(timeout=LONG), "which is asked for after the stop"
+    bench.until_outputs(runtime_state=(STOPPED,))
+    bench.until_still()
+
+
 def test_popup_and_log_reach_the_controller_in_any_state(bench):
     bench.arm.popup("mind the arm")
     eventually(lambda: shown(bench) == "mind the arm", "shown")
@@ -134,6 +186,14 @@ def test_answers(bench):
     assert "saved" in bench.arm.save_log(timeout=LONG)
 
 
+def told(reading):
+    """Return what a reading says, None while it is not known."""
+    try:
+        return reading()
+    except DataTimeout:
+        return None
+
+
 def test_modes_stops_and_signals_are_readings(bench):
     state = bench.arm.state
     assert (state.robot_mode(), state.safety_mode()) == ("RUNNING", "NORMAL")
@@ -148,7 +208,7 @@ def test_modes_stops_and_signals_are_readings(bench):
     bench.arm.configurable_out_2(False)
     bench.arm.analog_out_0_voltage(4.0)
     eventually(lambda: bench.outputs("standard_analog_output0") == pytest.approx(4.0), "4 V")
-    eventually(lambda: state.analog_out_0_voltage() == pytest.approx(4.0), "4 V")
+    eventually(lambda: told(state.analog_out_0_voltage) == pytest.approx(4.0), "4 V")
     with pytest.raises(DataTimeout, match="not known"):
         state.analog_out_0_current()
     assert state.speed_slider() == 1.0

@@ -9,9 +9,10 @@ import pytest
 from crtk_driver_ur.frames import Transform
 from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import model_named
+from crtk_driver_ur.native.program import Setting
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.samples import Pose, vector
-from rigs.ur_bench import HOME, LONG, WAYS, UrBench, eventually, ur_bench
+from rigs.ur_bench import FAR, HOME, LONG, WAYS, UrBench, eventually, ur_bench
 
 pytestmark = pytest.mark.sweep(3)
 
@@ -76,6 +77,7 @@ def test_a_tool_counts_at_once_and_the_arm_does_not_move(bench):
         bench.arm.tcp(TOOL)
         assert_at(bench.arm.forward_kinematics(HOME), expected(HOME, TOOL))
         until_tool(bench, TOOL)
+        bench.cycles(2)  # the first of these may have been on its way
     wanted = expected(bench.q(), TOOL)
     np.testing.assert_allclose(
         Transform.from_pose_vector(bench.outputs("actual_TCP_pose")), wanted, atol=1e-6
@@ -144,11 +146,12 @@ def test_streams_and_relative_moves_are_of_the_new_tool(bench):
 
 
 def test_a_tool_is_refused_while_the_arm_moves(bench):
-    move = bench.arm.move_jp([1.0, *HOME[1:]])
+    bench.arm.move_jp(FAR)
     bench.until_moving()
     with bench.refused(Reason.INVALID_TRANSITION, "tcp"):
         bench.arm.tcp(TOOL)
-    assert move.wait(LONG)
+    bench.arm.hold()
+    bench.until_still()
     assert_at(bench.arm.forward_kinematics(HOME), expected(HOME, NONE))
     assert np.allclose(of_controller(bench), transform(NONE))
 
@@ -207,11 +210,12 @@ def test_gravity_is_set_at_rest(bench):
 )
 def test_what_balances_the_arm_is_refused_while_it_moves(bench, name, value):
     before = bench.outputs("target_gravity"), bench.outputs("payload")
-    move = bench.arm.move_jp([1.0, *HOME[1:]])
+    bench.arm.move_jp(FAR)
     bench.until_moving()
     with bench.refused(Reason.INVALID_TRANSITION, name):
         getattr(bench.arm, name)(value)
-    assert move.wait(LONG)
+    bench.arm.hold()
+    bench.until_still()
     assert (bench.outputs("target_gravity"), bench.outputs("payload")) == before
 
 
@@ -225,6 +229,32 @@ def test_a_move_waits_for_the_payload_that_was_given_before_it(bench):
         sent = [entry["values"] for entry in bench.sim.control.trace(after=mark)]
         first = next(i for i, values in enumerate(sent) if values.get("input_int_register_2"))
         assert any(values.get("input_int_register_3") for values in sent[:first])
+    bench.arm.payload([0.0])
+    eventually(lambda: bench.outputs("payload") == 0.0, "none")
+
+
+def test_free_waits_for_tool_and_payload_that_were_given_before_it(bench):
+    def in_one_cycle() -> None:
+        bench.engine.on_sample = None
+        bench.arm.tcp(TOOL)
+        bench.arm.payload_mass(2.5)
+        bench.arm.free()
+
+    mark = bench.mark()
+    bench.engine.on_sample = in_one_cycle
+    eventually(lambda: bench.outputs("payload") == 2.5, "it has the payload")
+    if bench.control == "native":
+        kind = "input_int_register_2"
+
+        def sent():
+            return [entry["values"] for entry in bench.sim.control.trace(after=mark)]
+
+        eventually(lambda: any(values.get(kind) for values in sent()), "it is let go")
+        first = next(i for i, values in enumerate(sent()) if values.get(kind))
+        settings = {values.get("input_int_register_4") for values in sent()[:first]}
+        assert settings >= {Setting.TCP, Setting.PAYLOAD}
+    bench.arm.hold()
+    eventually(lambda: bench.engine.is_at_rest, "it holds")
     bench.arm.payload([0.0])
     eventually(lambda: bench.outputs("payload") == 0.0, "none")
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -46,10 +44,12 @@ def test_an_arm_is_enabled_moved_streamed_and_disabled(model, version):
             bench.inject("speed_slider", fraction=slider)
             eventually(lambda s=slider: bench.device.pace == pytest.approx(s), "the slider is seen")
             before = bench.q()[5]
-            for _ in range(20):
+
+            def turns(begin: float = before) -> bool:
                 bench.arm.servo_jv([0.0] * 5 + [0.3])
-                time.sleep(0.01)
-            assert bench.q()[5] > before
+                return bool(bench.q()[5] > begin + 0.01)
+
+            eventually(turns, "it turns")
             bench.arm.hold()
             eventually(lambda: bench.engine._stopping.confirmed, "the stop is read back")
         assert bench.status.state == "ENABLED", bench.status

@@ -13,12 +13,13 @@ from crtk_drivers.client.conformance.expectations import Expectations
 from crtk_drivers.client.conformance.findings import Finding
 from crtk_drivers.client.conformance.observed import Observation
 from crtk_drivers.client.conformance.outcome import Outcome
+from crtk_drivers.client.conformance.probe.client_opening import open_with_client
 from crtk_drivers.client.conformance.probe.ears import Ears
 from crtk_drivers.client.conformance.probe.graph_reading import find_device
 from crtk_drivers.client.conformance.probe.looking import look
 from crtk_drivers.client.conformance.probe.ros_probe import RosProbe
 from crtk_drivers.client.conformance.rounds import NOT_PERMITTED, judge
-from crtk_drivers.client.conformance.trial import NO_LEAVE, Leave, Trial
+from crtk_drivers.client.conformance.trial import NO_LEAVE, Leave, Opening, Told, Trial
 from crtk_drivers.client.conformance.trials import HEARD_BELOW, run_trials
 from crtk_drivers.client.ros_link import Link
 from crtk_drivers.ros import environment
@@ -67,7 +68,8 @@ def examine(
         why = NOT_PERMITTED
         if may_move and any(CLAUSES[each].needs is not Needs.PASSIVE for each in ids):
             wanted = expected or Expectations()
-            tried, why = try_out(link.node, ears, seen, ids, wanted, tell, leave)
+            client = open_with_client(namespace)
+            tried, why = try_out(link.node, ears, seen, ids, wanted, tell, leave, client)
         results = judge(seen, ids, tried, why)
         seconds = time.monotonic() - since
         ended = why if may_move and why != NOT_PERMITTED else ""
@@ -84,6 +86,7 @@ def try_out(
     expected: Expectations,
     tell: Callable[[str], None],
     leave: Leave = NO_LEAVE,
+    client: Callable[[Opening], Told] | None = None,
 ) -> tuple[Mapping[str, Sequence[Finding]], str]:
     """Command a device, and return what `run_trials` does.
 
@@ -95,6 +98,7 @@ def try_out(
         expected: tolerances and steps.
         tell: called with what is being done.
         leave: what may be done beside small motions.
+        client: see `Trial`.
 
     Raises:
         ConnectionFailed: the device does not hear a command that it offers.
@@ -102,6 +106,6 @@ def try_out(
     ears.drop([name for name in seen.graph.offered() if "/" in name and name not in HEARD_BELOW])
     probe = RosProbe(node, seen.graph, ears)
     try:
-        return run_trials(Trial(probe, expected, seen, leave), ids, tell)
+        return run_trials(Trial(probe, expected, seen, leave, client), ids, tell)
     finally:
         probe.close()

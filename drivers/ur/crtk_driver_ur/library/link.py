@@ -19,8 +19,8 @@ from crtk_driver_ur.control_options import ControlOptions
 from crtk_driver_ur.library.packets import Event, EventKind
 from crtk_driver_ur.library.supervisor import ControlSupervisor
 from crtk_driver_ur.request_worker import Controller
-from crtk_driver_ur.rtde.stream import StateSample
-from crtk_driver_ur.safety import STANDING_PROGRAM
+from crtk_driver_ur.rtde.state_sample import StateSample
+from crtk_driver_ur.safety import stood
 from crtk_drivers.device import MoveProgress, Steps
 from crtk_drivers.errors import ConnectionLost, DeviceFault, TransitionFailed
 
@@ -42,6 +42,7 @@ TARGET_PAYLOAD_SINCE = (5, 10)
 """PolyScope version from which on ur_rtde's control program sets an inertia; below it does nothing."""
 
 _MOVE_FAILURES = {
+    EventKind.DRIVER_SILENT: "the control process heard nothing of the driver for a while, and stopped it",
     EventKind.INTERRUPTED: INTERRUPTED,
     EventKind.MOTION_FAILED: "the controller did not carry it out",
     EventKind.PROGRAM_STOPPED: PROGRAM_STOPPED,
@@ -73,6 +74,7 @@ class ProcessLink(ControlLink):
         self._motion = 0
         self._stopping = 0
         self._left_running = False
+        self._is_told_gone = False
 
     # The process
 
@@ -111,6 +113,7 @@ class ProcessLink(ControlLink):
             # It died as soon as it was born; `follow` will find that out.
             logger.warning("%s", error)
         self._stopping = 0
+        self._is_told_gone = False
         self._left_running |= self.program_runs
         self.program_runs = False
         self._forget_requests()
@@ -159,7 +162,7 @@ class ProcessLink(ControlLink):
 
     @override
     def take(self, state: StateSample) -> None:
-        if state.runtime_state in STANDING_PROGRAM:
+        if stood(state):
             self.program_runs = self._left_running = False
             if time.monotonic() > self._interrupted_at + PROGRAM_START_ALLOWED:
                 self._interrupted_at = -math.inf
@@ -169,7 +172,7 @@ class ProcessLink(ControlLink):
         if event.sequence == self._motion:
             if event.kind is EventKind.MOVE_DONE:
                 self._progress = MoveProgress.DONE
-            elif event.kind in _MOVE_FAILURES:
+            elif event.kind in _MOVE_FAILURES and self._progress is not MoveProgress.FAILED:
                 self._move_failed(error.text or _MOVE_FAILURES[event.kind])
         if event.kind is EventKind.STOPPED and event.sequence >= self._stopping:
             self._stopping = 0
@@ -232,7 +235,9 @@ class ProcessLink(ControlLink):
         try:
             self._stopping = self.process.stop()
         except ConnectionLost as error:
-            logger.warning("%s; the controller's watchdog stops the arm", error.statement)
+            if not self._is_told_gone:  # it is asked for again and again
+                self._is_told_gone = True
+                logger.warning("%s; the controller's watchdog stops the arm", error.statement)
 
     @property
     @override

@@ -9,7 +9,7 @@ the blocking stop is called on an arm that stands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -37,8 +37,16 @@ SETTLE_MARGIN = 0.1
 """Seconds for the last of a motion to die away after its nominal end."""
 LONGEST_STEP = 0.02
 """Seconds of motion at most that one position of a stream may ask for, however late it is."""
+CATCH_UP = 0.8
+"""Share of the speed that a joint may have at which it makes up for what waited: what is sent comes unevenly,
+and where servoJ would go faster than a joint can, the controller stops protectively."""
 STILL = 1e-5
 """Change of a servo target, in rad, that counts as none."""
+_ENDING = CallError(
+    "motion",
+    "the arm could not be brought to rest, and the control program is being ended",
+    "Wait for that, then enable again.",
+)
 
 
 class MotionSequencer:
@@ -80,7 +88,15 @@ class MotionSequencer:
         return 0
 
     def command(self, command: MotionCommand, now: float) -> None:
-        """Take a new command; it replaces any that has not begun, and ends a move."""
+        """Take a new command; it replaces any that has not begun, and ends a move.
+
+        None is taken while the watchdog is left to end the program: it would be fed by it. A stop is answered
+        by that end.
+        """
+        if self._starving:
+            if command.kind is not MotionKind.STOP:
+                self._report(Event(EventKind.MOTION_FAILED, command.sequence, _ENDING))
+            return
         if self.motion in MOVES and not self.settling:
             self._report(Event(EventKind.INTERRUPTED, self.sequence))
         if self._pending is not None and self._pending.kind is not MotionKind.STOP:
@@ -183,8 +199,8 @@ class MotionSequencer:
 
     def _stream(self, command: MotionCommand, now: float) -> None:
         if command.kind is MotionKind.SERVO_JOINT:
-            self._target = command.values
-            command = command._replace(values=self._step(now))
+            before, self._target = self._target, command.values
+            command = command._replace(values=self._step(before, now))
             change = max(
                 abs(a - b) for a, b in zip(command.values, self._command.values, strict=True)
             )
@@ -193,13 +209,16 @@ class MotionSequencer:
         self._send(command)
         self._adopt(command, now)
 
-    def _step(self, now: float) -> tuple[float, ...]:
-        """Return the way to the target that joints go since the last step: what waited here is no jump."""
+    def _step(self, before: Sequence[float], now: float) -> tuple[float, ...]:
+        """Return the way to the target that joints go since the last step: what waited here is no jump.
+
+        They go as fast as the target does since the one `before`, if that is faster than they catch up.
+        """
         elapsed, self._stepped_at = min(now - self._stepped_at, LONGEST_STEP), now
         return tuple(
-            sent + max(-speed * elapsed, min(speed * elapsed, wanted - sent))
-            for sent, wanted, speed in zip(
-                self._command.values, self._target, self._options.joint_speeds, strict=True
+            _approach(sent, wanted, speed * elapsed, abs(wanted - last))
+            for sent, wanted, last, speed in zip(
+                self._command.values, self._target, before, self._options.joint_speeds, strict=True
             )
         )
 
@@ -290,6 +309,7 @@ class MotionSequencer:
         """Whether the control program runs; its end is reported once."""
         running = bool(self._calls.read("isProgramRunning"))
         if self._program_ran and not running:
+            self._starving = False
             self.clear_command()
             if self._pending is not None:
                 self._report(Event(EventKind.INTERRUPTED, self._pending.sequence))
@@ -328,3 +348,8 @@ class MotionSequencer:
 
     def _status(self) -> Any:
         return self._calls.read("getAsyncOperationProgressEx")
+
+
+def _approach(sent: float, wanted: float, farthest: float, advance: float) -> float:
+    step = max(CATCH_UP * farthest, min(farthest, advance))
+    return sent + max(-step, min(step, wanted - sent))

@@ -7,10 +7,10 @@ import logging
 import os
 import socket
 import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any, TypeAlias
 
@@ -31,7 +31,8 @@ from crtk_driver_ur.library.packets import (
     encode,
     six,
 )
-from crtk_drivers.errors import ConnectionFailed, ConnectionLost
+from crtk_drivers.errors import ConnectionLost
+from crtk_drivers.kit.child_process import spawn
 
 Notice: TypeAlias = Reply | Event
 
@@ -40,6 +41,8 @@ SILENCE_ALLOWED = 0.5
 """Seconds without a heartbeat, outside of a library call, after which the process counts as hung."""
 START_ALLOWED = 30.0
 """Seconds for the interpreter of the process to start; a busy machine is no reason to start it again."""
+DIES = 5.0
+"""Seconds in which a process that is killed is gone, unless the system is in a driver of its own with it."""
 _ERROR_LINES = 20
 _NO_BEAT = Heartbeat(0, MotionKind.NONE, False, False, False, 0, 0.0)
 
@@ -114,6 +117,7 @@ class ControlSupervisor:
         self._heard_at = 0.0
         self._allowed = 0.0
         self._spoke_at = 0.0
+        self._is_told_deaf = False
         self._starts = 0
 
     # The process
@@ -127,43 +131,16 @@ class ControlSupervisor:
         """
         if self._process is not None:
             raise RuntimeError("the control process is running; call replace")
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        errors_read, errors_write = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
-        ours.setblocking(False)
-        command = (
-            sys.executable,
-            "-m",
+        self._process, self._peer, self._errors_fd = spawn(
             "crtk_driver_ur.library.process",
-            str(theirs.fileno()),
             str(os.getpid()),
+            called="the control process",
+            where=self._where,
         )
-        # The process finds its modules where this one does, however its path was made.
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        try:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=errors_write,
-                stderr=errors_write,
-                pass_fds=(theirs.fileno(),),
-                env=environment,
-                start_new_session=True,
-            )
-        except OSError as error:
-            ours.close()
-            os.close(errors_read)
-            raise ConnectionFailed(
-                f"the control process cannot be started: {error}",
-                where=self._where,
-                remedy=f"Check that {sys.executable} can be run and that memory is left.",
-            ) from error
-        finally:
-            theirs.close()
-            os.close(errors_write)
-        self._peer, self._errors_fd = ours, errors_read
         self._errors.clear()
         self._error_tail = b""
         self._beat, self._call = _NO_BEAT, "start"
+        self._is_told_deaf = False
         self._heard_at, self._allowed = self._clock(), START_ALLOWED
         self._starts += 1
         self.request(
@@ -202,9 +179,18 @@ class ControlSupervisor:
                 zombie.wait(max(0.0, deadline - self._clock()))
             except subprocess.TimeoutExpired:
                 zombie.kill()
-                zombie.wait()
-        self._zombies.clear()
+        self._await_killed()
         self._release()
+
+    def _await_killed(self) -> None:
+        """Wait until those that were killed are gone; one that the system does not let go of stays."""
+        deadline = self._clock() + DIES
+        for zombie in self._zombies:
+            with suppress(subprocess.TimeoutExpired):
+                zombie.wait(max(0.0, deadline - self._clock()))
+        self._reap()
+        for zombie in self._zombies:
+            _log.warning("%s: process %d was killed and is not gone", self._where, zombie.pid)
 
     @property
     def status(self) -> ControlStatus:
@@ -327,7 +313,10 @@ class ControlSupervisor:
             try:
                 self._send(Alive())
             except ConnectionLost as error:
-                _log.warning("%s", error)
+                self._spoke_at = self._clock()
+                if not self._is_told_deaf:
+                    self._is_told_deaf = True
+                    _log.warning("%s", error)
         return notices
 
     def _receive(self, notices: list[Notice]) -> bool:

@@ -39,7 +39,7 @@ from crtk_driver_ur.native.upload import PROGRAM_REQUESTS, ProgramWorker
 from crtk_driver_ur.output_worker import OUTPUT_REQUESTS, OutputWorker
 from crtk_driver_ur.primary import MessageReader, PrimaryError
 from crtk_driver_ur.request_worker import Controller, RequestWorker
-from crtk_driver_ur.rtde.stream import StateSample
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.safety import STANDING_PROGRAM, RuntimeState
 from crtk_drivers.device import MoveProgress, Steps
 from crtk_drivers.errors import ConnectionLost, DeviceFault, TransitionFailed
@@ -59,7 +59,11 @@ REPLACED_AFTER: Final = 0.5
 """Seconds of the controller's clock without a cycle of our program after which it counts as replaced."""
 
 STOP_TIMEOUT: Final = 0.3
-"""Seconds without an answer of the program after which it is stopped another way."""
+"""Seconds without an answer of the program after which it is stopped another way: of our clock, and of the
+controller's in the states that came. One that was read late is from before the stop."""
+
+STOP_UNHEARD: Final = 1.0
+"""The same of our clock, where no state comes that could tell of the answer."""
 
 NEVER: Final = 2**31
 """In place of a motion's number: the program will not say that it has taken it."""
@@ -157,7 +161,8 @@ class NativeLink(ControlLink):
         self._stopping = 0
         self._taken = False
         self._rests = False
-        self._stop_asked_at = -math.inf
+        self._told_at = (-math.inf, 0.0)  # when the newest state was read, and its timestamp
+        self._stop_asked_at = self._told_at
         self._replaced_at = -math.inf
 
     # The connection
@@ -253,6 +258,7 @@ class NativeLink(ControlLink):
 
     @override
     def take(self, state: StateSample) -> None:
+        self._told_at = state.received, state.timestamp
         self._speed = max(map(abs, state.target_qd))
         self._pace = max(SLOWEST_PACE, state.combined_speed_scaling)
         if self._channel is not None:
@@ -372,20 +378,32 @@ class NativeLink(ControlLink):
     def stop(self) -> None:
         now, again = self._clock(), self._rests and self._stopping > 0
         if not again:
-            self._rests, self._taken, self._stop_asked_at = True, False, now
-        unanswered = not self._taken and now > self._stop_asked_at + STOP_TIMEOUT
-        if self._channel is not None and not unanswered:
+            self._rests, self._taken = True, False
+            self._stop_asked_at = now, self._told_at[1]
+        channel = self._channel  # the I/O thread may drop it
+        if channel is not None and not self._is_unanswered(now):
             try:
-                number = self._channel.stop()
+                number = channel.stop()
             except ConnectionLost as error:
                 logger.warning("%s: %s", self._where, error)
             else:
                 # The first one counts: those that repeat it are answered later, where the way is long.
-                self._stopping = self._stopping if again else number
+                if not again:
+                    self._stopping = number
+                    self._stop_asked_at = self._clock(), self._stop_asked_at[1]  # it was held up
                 return
         if self.program_runs:
             self._stopping = self._stopping or NEVER
             self._stop_otherwise()
+
+    def _is_unanswered(self, now: float) -> bool:
+        """Whether the program has had its time to take the stop, and has not."""
+        if self._taken:
+            return False
+        asked, of_controller = self._stop_asked_at
+        read, timestamp = self._told_at
+        has_time = min(read - asked, timestamp - of_controller) > STOP_TIMEOUT
+        return has_time or now - max(asked, read) > STOP_UNHEARD
 
     def _stop_otherwise(self) -> None:
         """Put a program that only stops in the place of ours, by the port for programs."""

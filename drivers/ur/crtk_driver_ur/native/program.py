@@ -116,6 +116,12 @@ SETTING_VALUES: Final = 10
 SERVOJ_LOOKAHEAD: Final = 0.03
 """Seconds of lookahead of servoJ itself: the least that it takes (URScript manual)."""
 
+USUAL_GAIN: Final = 300.0
+"""Gain of servoJ, its default (URScript manual), below which it is softer, and late by more than that."""
+
+NEARLY_FULL: Final = 0.98
+"""Share of its greatest speed at which a joint that is behind may be led: at all of it none would be left."""
+
 SHORTEST_SMOOTHING: Final = 4.0
 """Control periods that the smoothing before it takes at least."""
 
@@ -233,6 +239,8 @@ def program_text(options: ProgramOptions, program: int) -> str:
         "joint_deceleration": options.joint_deceleration,
         "linear_deceleration": options.linear_deceleration,
         "lookahead": SERVOJ_LOOKAHEAD,
+        "reach": NEARLY_FULL * SERVOJ_LOOKAHEAD,
+        "usual_gain": USUAL_GAIN,
         "smoothing_rate": options.smoothing_rate,
         "joint_acceleration": options.joint_acceleration,
         "joint_speeds": list(options.joint_speeds),

@@ -16,7 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from crtk_driver_ur.rtde import codec
 from crtk_driver_ur.rtde.codec import (
@@ -33,10 +33,11 @@ from crtk_driver_ur.rtde.codec import (
     TextMessage,
     VersionReply,
 )
+from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.rtde.variables import IN_USE, NOT_FOUND, OPTIONAL_OUTPUTS, OUTPUTS
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 
-__all__ = ["RTDE_PORT", "RtdeStream", "StateSample", "StreamCounters"]
+__all__ = ["RTDE_PORT", "RtdeStream", "StreamCounters"]
 
 RTDE_PORT = 30004
 MALFORMED_IN_A_ROW = 3
@@ -45,113 +46,10 @@ MALFORMED_IN_A_ROW = 3
 _RECEIVE_SIZE = 16384
 _RECEIVES_AT_ONCE = 64
 _LOG_LEVELS = {0: logging.ERROR, 1: logging.ERROR, 2: logging.WARNING, 3: logging.INFO}
+_RUNTIME_STATE = tuple(OUTPUTS).index("runtime_state")
 _log = logging.getLogger(__name__)
 
-Vector3: TypeAlias = tuple[float, float, float]
-Vector6: TypeAlias = tuple[float, float, float, float, float, float]
 ReplyT = TypeVar("ReplyT", VersionReply, ControllerVersion, SetupReply, StateReply)
-
-
-class StateSample(NamedTuple):
-    """One state of the arm, in SI units, as the controller names it.
-
-    Poses are x, y, z and a rotation vector of the TCP in the base frame; speeds and forces are
-    linear before angular, in base axes at the TCP. Variables that the controller's software does not
-    know are None.
-    """
-
-    received: float
-    """When it was read from the socket, on the monotonic clock in seconds."""
-    lost: int
-    """Packages that the controller sent since the previous sample and that never arrived."""
-    skipped: int
-    """Packages that arrived since the previous sample and were older than this one."""
-    restarted: bool
-    """The controller's clock went back: it was restarted."""
-
-    timestamp: float
-    target_q: Vector6
-    target_qd: Vector6
-    target_moment: Vector6
-    actual_q: Vector6
-    actual_qd: Vector6
-    actual_current: Vector6
-    actual_TCP_pose: Vector6  # noqa: N815 (the controller's name)
-    actual_TCP_speed: Vector6  # noqa: N815
-    actual_TCP_force: Vector6  # noqa: N815
-    target_TCP_pose: Vector6  # noqa: N815
-    target_TCP_speed: Vector6  # noqa: N815
-    robot_mode: int
-    safety_mode: int
-    runtime_state: int
-    robot_status_bits: int
-    safety_status_bits: int
-    speed_scaling: float
-    target_speed_fraction: float
-    output_int_register_0: int
-    output_int_register_1: int
-    output_int_register_2: int
-    output_int_register_3: int
-    output_int_register_4: int
-    output_int_register_5: int
-    payload: float | None
-    tcp_offset: Vector6 | None
-    actual_current_as_torque: Vector6 | None
-    payload_cog: Vector3 | None
-    joint_mode: tuple[int, ...] | None
-    joint_temperatures: Vector6 | None
-    actual_robot_voltage: float | None
-    actual_robot_current: float | None
-    actual_digital_input_bits: int | None
-    actual_digital_output_bits: int | None
-    analog_io_types: int | None
-    standard_analog_input0: float | None
-    standard_analog_input1: float | None
-    standard_analog_output0: float | None
-    standard_analog_output1: float | None
-    tool_mode: int | None
-    tool_analog_input_types: int | None
-    tool_analog_input0: float | None
-    tool_analog_input1: float | None
-    tool_output_voltage: int | None
-    tool_output_current: float | None
-    tool_temperature: float | None
-    output_int_register_24: int | None
-    output_int_register_25: int | None
-    output_int_register_26: int | None
-    output_int_register_27: int | None
-    output_int_register_28: int | None
-    output_int_register_29: int | None
-
-    @property
-    def combined_speed_scaling(self) -> float:
-        """Share of its speed at which the arm follows a program, 0 to 1.
-
-        `speed_scaling` is without the speed slider, which is `target_speed_fraction` (as UR's own client
-        library and ur-rtde combine them).
-        """
-        return min(1.0, max(0.0, self.speed_scaling * self.target_speed_fraction))
-
-    def control_registers(self, first: int) -> tuple[int, int, int, int, int, int] | None:
-        """Return the six integer output registers from `first` (0 or 24) on; None if there are none."""
-        if first == 0:
-            return (
-                self.output_int_register_0,
-                self.output_int_register_1,
-                self.output_int_register_2,
-                self.output_int_register_3,
-                self.output_int_register_4,
-                self.output_int_register_5,
-            )
-        upper = (
-            self.output_int_register_24,
-            self.output_int_register_25,
-            self.output_int_register_26,
-            self.output_int_register_27,
-            self.output_int_register_28,
-            self.output_int_register_29,
-        )
-        return None if None in upper else cast(tuple[int, int, int, int, int, int], upper)
 
 
 @dataclass(slots=True)
@@ -178,6 +76,7 @@ class RtdeStream:
         host: address or name of the controller.
         port: of the real-time data exchange.
         frequency: samples per second; None for the rate of the controller.
+        sees_all: the controller sends all of its states; of those that are no samples: `StateSample.passed`.
         protocol_version: the highest to ask for, 1 or 2.
         clock: the monotonic clock.
 
@@ -191,12 +90,14 @@ class RtdeStream:
         *,
         port: int = RTDE_PORT,
         frequency: float | None = None,
+        sees_all: bool = False,
         protocol_version: int = 2,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.host = host
         self.port = port
         self._wanted_frequency = frequency
+        self._sees_all = sees_all
         self._wanted_protocol = protocol_version
         self._clock = clock
         self._where = f"RTDE {host}:{port}"
@@ -213,6 +114,9 @@ class RtdeStream:
         self._group: Callable[[Flat], tuple[Any, ...]]
         self._controller_version = ControllerVersion(0, 0, 0, 0)
         self._frequency = 0.0
+        self._every = 1  # package becomes a sample
+        self._held = 0  # packages since the last sample
+        self._passed: set[int] = set()
         self._early: list[DataPackage] = []
         self._timestamp: float | None = None
         self._malformed_row = 0
@@ -236,7 +140,7 @@ class RtdeStream:
 
     @property
     def frequency(self) -> float:
-        """Samples per second that the controller really sends; known when open."""
+        """Samples per second; known when open."""
         return self._frequency
 
     @property
@@ -377,6 +281,8 @@ class RtdeStream:
         self._frequency = base
         if self._decoder.protocol_version > 1:
             self._frequency = base / math.floor(base / wanted)
+        if self._sees_all:
+            self._every, wanted = round(base / self._frequency), base
         self._setup(wanted, deadline)
         reply_to_start = self._ask(codec.encode_start(), StateReply, "start", deadline)
         if not reply_to_start.accepted:
@@ -540,6 +446,12 @@ class RtdeStream:
         """Return the newest data package that has arrived, and how many there were."""
         packages, self._early = self._early, []
         packages += [message for message in self._read() if isinstance(message, DataPackage)]
+        for package in packages[:-1]:
+            flat = package.flat()
+            if name := package.recipe.nonsense(flat):
+                self._count_nonsense(name)
+            else:
+                self._passed.add(self._group(flat)[_RUNTIME_STATE])
         return (packages[-1] if packages else None), len(packages)
 
     def _sample(self, package: DataPackage, count: int) -> StateSample | None:
@@ -550,18 +462,26 @@ class RtdeStream:
             return None
         values = self._group(flat)
         timestamp: float = values[0]
-        last, self._timestamp = self._timestamp, timestamp
-        steps = count if last is None else round((timestamp - last) * self._frequency)
+        last, rate = self._timestamp, self._frequency * self._every
+        steps = count if last is None else round((timestamp - last) * rate)
         counters = self._counters
         counters.received += count
         if steps == 0:
             counters.repeated += count
             return None
         self.nonsense = ""
+        if last is not None and 0 < steps < self._every:
+            self._held += count
+            self._passed.add(values[_RUNTIME_STATE])
+            return None
+        self._timestamp = timestamp
+        count, self._held = count + self._held, 0
+        passed, self._passed = tuple(self._passed), set()
         restarted = steps < 0
         lost = 0 if restarted else max(0, steps - count)
-        counters.skipped += count - 1
+        skipped = max(0, count // self._every - 1)
+        counters.skipped += skipped
         counters.lost += lost
         counters.gaps += lost > 0
         counters.restarts += restarted
-        return StateSample(received, lost, count - 1, restarted, *values)
+        return StateSample(received, lost, skipped, restarted, passed, *values)

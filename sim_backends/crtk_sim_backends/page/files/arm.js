@@ -1,6 +1,6 @@
-// The picture of a chain: the arm on its floor, with its shadow, its frames and the path of its tip.
+// The picture of arms and tools on their floor, with shadows, frames, paths of the tips, and forces as arrows.
 
-import { IDENTITY, compose, flange, fromPose, origin, reach, shape } from "./chain.js";
+import { IDENTITY, origin, shape } from "./chain.js";
 import { Raster } from "./solids.js";
 
 const LIGHT = [0.35, -0.5, 0.79];
@@ -20,17 +20,25 @@ const cross = (a, b) => [
 const rgb = (text) => text.split(",").map(Number);
 
 export class ArmPicture {
-  constructor(canvas, chain) {
+  // `reach` (m) of the largest of them.
+  constructor(canvas, reach) {
     this.canvas = canvas;
     this.pen = canvas.getContext("2d");
-    this.chain = chain;
-    this.reach = reach(chain);
+    this.reach = reach;
     this.layer = document.createElement("canvas");
     this.fine = FINE;
-    this.path = [];
-    this.held = new Map(); // [point, radius] by its cell
+    this.clear();
     this.home();
     this.listen();
+  }
+
+  // Forget where things were.
+  clear() {
+    this.things = [];
+    this.shown = "";
+    this.paths = new Map(); // of the tips, by name
+    this.held = new Map(); // [point, radius] by its cell
+    this.mostForce = 0;
   }
 
   // Look as at the beginning.
@@ -38,24 +46,29 @@ export class ArmPicture {
     Object.assign(this, { azimuth: -0.85, elevation: 0.36, zoom: 1 });
   }
 
-  // Show joint positions (rad) and what is at the flange (a pose).
-  show(q, tool) {
-    const now = JSON.stringify([q, tool]);
+  // Show things: {name, place, chain, q, tip, force, faded}, transforms in the world (m), q in rad or m; `force` (N) is
+  // {at, vector} in the world. What a thing has not is left out.
+  show(things) {
+    const now = JSON.stringify(things);
     if (now === this.shown) return;
     this.shown = now;
-    this.q = q;
-    this.tool = fromPose(tool);
-    this.tip = compose(flange(this.chain, q), this.tool);
-    const at = origin(this.tip);
-    if (!this.path.length || Math.hypot(...sub(at, this.path.at(-1))) > 2e-3) this.path.push(at);
-    if (this.path.length > PATH) this.path.shift();
+    this.things = things;
+    for (const { name, tip, force } of things) {
+      if (force) this.mostForce = Math.max(this.mostForce, Math.hypot(...force.vector));
+      if (!tip) continue;
+      const path = this.paths.get(name) ?? [];
+      this.paths.set(name, path);
+      const at = origin(tip);
+      if (!path.length || Math.hypot(...sub(at, path.at(-1))) > 2e-3) path.push(at);
+      if (path.length > PATH) path.shift();
+    }
     this.redraw();
   }
 
   redraw() {
     this.due ??= requestAnimationFrame(() => {
       this.due = null;
-      if (this.q) this.draw();
+      if (this.things.length) this.draw();
     });
   }
 
@@ -127,19 +140,73 @@ export class ArmPicture {
     const colours = Object.fromEntries(
       ["base", "link", "elbow", "joint", "cap", "tool"].map((part) => [part, rgb(this.colour(part))]),
     );
-    const solids = shape(this.chain, this.q, this.tool).map((each) => ({
-      ...each,
-      colour: colours[each.part],
-    }));
+    const solids = this.things
+      .filter(({ chain, q }) => chain && q)
+      .flatMap(({ chain, q, place, tip }) => shape(chain, q, place, tip))
+      .map((each) => ({ ...each, colour: colours[each.part] }));
     this.hold(solids);
+    const alone = this.things.flatMap(({ place, chain, tip, force }) =>
+      chain ? [] : [place && origin(place), tip && origin(tip), ...(force ? this.arrow(force) : [])].filter(Boolean),
+    );
+    this.hold(alone.map((point) => ({ from: point, to: point, radius: 0.12 * this.reach })));
     const looking = this.view();
     this.pen.clearRect(0, 0, width, height);
-    this.drawFloor(looking, 1.3 * this.reach);
+    this.drawFloor(looking, 1.3 * this.extent());
     this.drawShadow(looking, solids);
     this.drawAxes(looking, IDENTITY, 0.28 * this.reach, 2);
     this.drawSolids(looking, solids);
-    if (this.path.length > 1) this.line(this.path.map(looking.project), this.colour("path"), 1.8);
-    this.drawAxes(looking, this.tip, 0.13 * this.reach, 2.5);
+    for (const path of this.paths.values()) {
+      if (path.length > 1) this.line(path.map(looking.project), this.colour("path"), 1.8);
+    }
+    for (const thing of this.things) this.drawThing(looking, thing);
+  }
+
+  // Half the size of the floor: as far as anything has been.
+  extent() {
+    let most = this.reach;
+    for (const [[x, y]] of this.held.values()) most = Math.max(most, Math.hypot(x, y) / 1.2);
+    return most;
+  }
+
+  drawThing(looking, { name, place, tip, force }) {
+    if (place && name) {
+      this.drawAxes(looking, place, 0.12 * this.reach, 2);
+      this.text(looking.project(origin(place)), name);
+    }
+    if (tip) this.drawAxes(looking, tip, 0.13 * this.reach, 2.5);
+    if (force) this.drawForce(looking, force);
+  }
+
+  // Both ends of a force; the largest that was seen, but at least 1 N, is 0.4 of the reach.
+  arrow({ at, vector }) {
+    const scale = (0.4 * this.reach) / Math.max(1, this.mostForce);
+    return [at, at.map((value, k) => value + scale * vector[k])];
+  }
+
+  drawForce({ project }, force) {
+    const { vector } = force;
+    const [at, end] = this.arrow(force);
+    if (Math.hypot(...sub(end, at)) < 0.01 * this.reach) return;
+    const [from, to] = [project(at), project(end)];
+    const style = this.colour("force");
+    this.line([from, to], style, 4);
+    const [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+    const size = 5 * devicePixelRatio;
+    const length = Math.hypot(dx, dy) || 1;
+    const [ux, uy] = [(dx / length) * size, (dy / length) * size];
+    this.pen.fillStyle = style;
+    this.pen.beginPath();
+    this.pen.moveTo(to[0] + 2 * ux, to[1] + 2 * uy);
+    this.pen.lineTo(to[0] - uy, to[1] + ux);
+    this.pen.lineTo(to[0] + uy, to[1] - ux);
+    this.pen.fill();
+    this.text(to, `${Math.hypot(...vector).toFixed(1)} N`, style);
+  }
+
+  text([x, y], words, style = this.colour("soft")) {
+    this.pen.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    this.pen.fillStyle = style;
+    this.pen.fillText(words, x + 8 * devicePixelRatio, y + 14 * devicePixelRatio);
   }
 
   line(points, style, width) {

@@ -1,6 +1,7 @@
 // Where the links of a chain are, and what they look like.
 // Pure: no document, no network. Lengths in m, angles in rad. A transform is twelve numbers, three rows of four.
-// A chain is {joints, tip}: the transform from each link to the axis (z) of the next joint, and to the flange.
+// A chain is {joints, slides, tip}: the transform from each link to the axis (z) of the next joint, whether that slides
+// along it (not, where there is no `slides`), and the transform to the flange.
 
 export const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
 
@@ -39,12 +40,14 @@ export function fromPose([x, y, z, rx, ry, rz]) {
 
 const turn = (q) => [Math.cos(q), -Math.sin(q), 0, 0, Math.sin(q), Math.cos(q), 0, 0, 0, 0, 1, 0];
 
+const slide = (q) => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, q];
+
 // The frame of each link, behind its joint, and that of the flange.
-export function frames(chain, q) {
+export function frames(chain, q, place = IDENTITY) {
   const found = [];
-  let before = IDENTITY;
+  let before = place;
   chain.joints.forEach((joint, i) => {
-    before = compose(compose(before, joint), turn(q[i]));
+    before = compose(compose(before, joint), chain.slides?.[i] ? slide(q[i]) : turn(q[i]));
     found.push(before);
   });
   found.push(compose(before, chain.tip));
@@ -57,7 +60,7 @@ const length = (t) => Math.hypot(...origin(t));
 
 // Length of the stretched arm, from the second joint on.
 export const reach = (chain) =>
-  chain.joints.slice(2).reduce((sum, joint) => sum + length(joint), length(chain.tip));
+  Math.max(0.1, chain.joints.slice(2).reduce((sum, joint) => sum + length(joint), length(chain.tip)));
 
 const THICK = 0.062; // radius of the first link, and of the last, of an arm of that reach
 const THIN = 0.036;
@@ -65,10 +68,10 @@ const REACH = 1.0;
 const HOUSING = 1.18; // of a link's radius, and half its length
 
 // Cylinders {from, to, radius, part}: part "base", "link", "elbow" (a ball at `to`), "joint", "cap" or "tool".
-// Each link runs along the axis of its joint, then straight to the next one.
-export function shape(chain, q, tool) {
+// Each link runs along the axis of its joint, then straight to the next one. `tip` is where the tool is.
+export function shape(chain, q, place, tip) {
   const size = reach(chain) / REACH;
-  const found = frames(chain, q);
+  const found = frames(chain, q, place);
   const cylinders = [];
   const add = (from, to, radius, part) => {
     if (part === "elbow" || Math.hypot(...from.map((value, i) => value - to[i])) > 1e-4) {
@@ -87,7 +90,10 @@ export function shape(chain, q, tool) {
     add(bend, end, radius, "link");
     const half = HOUSING * radius;
     const along = (z) => apply(found[i], [0, 0, z]);
-    if (i === 0) {
+    if (chain.slides?.[i]) {
+      add(i ? origin(found[i - 1]) : origin(place), start, 0.7 * radius, "cap");
+      add(along(-half), along(half), half, "joint");
+    } else if (i === 0) {
       add(along(0), along(0.2 * half), 1.5 * half, "base");
       add(along(0.2 * half), along(1.1 * half), half, "joint");
     } else {
@@ -97,7 +103,6 @@ export function shape(chain, q, tool) {
     }
   });
   const flangeAt = found.at(-1);
-  const tip = origin(compose(flangeAt, tool));
-  add(origin(flangeAt), tip, 0.012 * size, "tool");
+  add(origin(flangeAt), origin(tip), 0.012 * size, "tool");
   return cylinders;
 }

@@ -11,12 +11,15 @@ export class Chart {
   constructor(canvas) {
     this.canvas = canvas;
     this.pen = canvas.getContext("2d");
-    this.samples = []; // [time in s, values of each group]
+    this.samples = []; // [time in s, values of each group by its title]
   }
 
-  show(groups) {
+  // Keep the values of all groups, and draw those that are `chosen` by their titles; without them, all.
+  show(all, chosen) {
     const now = performance.now() / 1000;
-    this.samples.push([now, groups.map(({ gauges }) => gauges.map(({ value }) => value))]);
+    const values = all.map(({ title, gauges }) => [title, gauges.map(({ value }) => value)]);
+    const groups = chosen ? all.filter(({ title }) => chosen.includes(title)) : all;
+    this.samples.push([now, Object.fromEntries(values)]);
     while (this.samples[0][0] < now - SPAN) this.samples.shift();
     this.groups = groups;
     this.due ??= requestAnimationFrame(() => {
@@ -31,14 +34,14 @@ export class Chart {
     Object.assign(canvas, { width: width * devicePixelRatio, height: height * devicePixelRatio });
     pen.scale(devicePixelRatio, devicePixelRatio);
     const strip = height / groups.length;
-    groups.forEach((group, g) => this.drawStrip(group, g, g * strip, strip, width));
+    groups.forEach((group, g) => this.drawStrip(group, g * strip, strip, width));
   }
 
-  drawStrip({ unit, gauges, digits }, g, top, height, width) {
+  drawStrip({ title, unit, gauges, digits, label = "" }, top, height, width) {
     const { pen, samples } = this;
     const style = getComputedStyle(this.canvas);
     const colour = (name) => style.getPropertyValue(`--${name}`);
-    const values = samples.flatMap(([, all]) => all[g] ?? []).filter((value) => value !== null);
+    const values = samples.flatMap(([, all]) => all[title] ?? []).filter((value) => value !== null);
     if (!values.length) return;
     const range = Math.max(...gauges.map(ends).map(([from, to]) => to - from));
     let [low, high] = [Math.min(...values), Math.max(...values)];
@@ -54,14 +57,14 @@ export class Chart {
     let legend = 8;
     gauges.forEach(({ name }, i) => {
       pen.strokeStyle = pen.fillStyle = `hsl(${210 + (360 * i) / gauges.length} 65% 52%)`;
-      const points = samples.filter(([, all]) => Number.isFinite(all[g]?.[i]));
-      this.line(points.map(([time, all]) => [x(time), y(all[g][i])]));
+      const points = samples.filter(([, all]) => Number.isFinite(all[title]?.[i]));
+      this.line(points.map(([time, all]) => [x(time), y(all[title][i])]));
       const label = name.split(":")[0];
       pen.fillText(label, legend, top + height - 9);
       legend += pen.measureText(label).width + 8;
     });
     pen.fillStyle = colour("soft");
-    pen.fillText(`${low.toFixed(digits)} to ${high.toFixed(digits)} ${unit}, ${SPAN} s`, 8, top + 16);
+    pen.fillText(`${label}${low.toFixed(digits)} to ${high.toFixed(digits)} ${unit}, ${SPAN} s`, 8, top + 16);
   }
 
   line(points) {

@@ -1,49 +1,16 @@
 // The page of a simulator or a device: what it told to show (scene.json), what it tells all the time (events), its faults.
 
 import { ArmPicture } from "./arm.js";
-import { Chart, ends } from "./chart.js";
-
-const NEAR = 0.03; // of a range, from its end: where a value is marked
-const $ = (id) => document.getElementById(id);
-const slug = (text) => text.toLowerCase().replace(/[^a-z0-9]+/g, "-");
+import { compose, flange, fromPose, IDENTITY, reach } from "./chain.js";
+import { Chart } from "./chart.js";
+import { $, make, makeGauge, set, slug, takeToken, tellGauge } from "./elements.js";
 
 let scene = null;
 let picture = null; // of the arm, or else
 let chart = null; // of the gauges
 let shown = ""; // names of the rows and gauges that are there
 
-function make(kind, { parent, ...properties } = {}) {
-  const made = Object.assign(document.createElement(kind), properties);
-  parent?.append(made);
-  return made;
-}
-
-function set(id, text, level = "") {
-  const element = $(id);
-  if (element.textContent !== text) element.textContent = text;
-  if (element.dataset.level !== level) element.dataset.level = level;
-}
-
-const number = (value, digits) => (value === null ? "not finite" : value.toFixed(digits));
-const end = (value) => (value === undefined ? "no limit" : `${+value.toFixed(1)}`);
-
 // What is there, made anew only when it changes
-
-function makeGauge(parent, id, { name }) {
-  const row = make("div", { parent, className: "gauge" });
-  make("span", { parent: row, className: "name", textContent: name });
-  const scale = make("div", { parent: row, className: "scale" });
-  const track = make("div", { parent: scale, className: "track" });
-  make("i", { parent: track, className: "fill", id: `${id}-fill` });
-  make("i", { parent: track, className: "zero", id: `${id}-zero` });
-  make("i", { parent: track, className: "goal", id: `${id}-goal` });
-  make("i", { parent: track, className: "mark", id: `${id}-mark` });
-  make("small", { parent: scale, id: `${id}-low` });
-  make("small", { parent: scale, id: `${id}-high` });
-  make("span", { parent: row, className: "value", id: `${id}-value` });
-  make("span", { parent: row, className: "rate", id: `${id}-rate` });
-  make("small", { parent: row, className: "state", id: `${id}-state` });
-}
 
 function makeAll({ gauges, sections }) {
   const groups = gauges.map(({ title, unit, rate, gauges: each }, g) => {
@@ -77,31 +44,6 @@ function makeAll({ gauges, sections }) {
 
 // What changes
 
-function place(element, share) {
-  element.hidden = share === null;
-  if (share !== null) element.style.left = `${100 * Math.max(0, Math.min(1, share))}%`;
-}
-
-function tellGauge(id, gauge, digits) {
-  const { low, high, span, value, goal = null, rate, state } = gauge;
-  const [from, to] = ends(gauge);
-  const share = (at) => (at === null ? null : (at - from) / (to - from));
-  const limited = low !== null || high !== null;
-  const at = share(value);
-  const close = limited && at !== null && (1 - at < NEAR || (from < 0 && at < NEAR));
-  place($(`${id}-mark`), at);
-  place($(`${id}-goal`), share(goal));
-  place($(`${id}-zero`), from < 0 && to > 0 ? share(0) : null);
-  const [left, right] = [Math.min(at, share(0)), Math.max(at, share(0))].map((x) => Math.max(0, Math.min(1, x)));
-  Object.assign($(`${id}-fill`).style, { left: `${100 * left}%`, width: `${100 * (right - left)}%` });
-  $(`${id}-mark`).dataset.level = close ? "bad" : "";
-  set(`${id}-low`, end(low ?? (span && -span)));
-  set(`${id}-high`, end(high ?? span));
-  set(`${id}-state`, state?.[0] ?? "", state?.[1] ?? "");
-  set(`${id}-value`, number(value, digits), close || value === null ? "bad" : "");
-  set(`${id}-rate`, rate === undefined ? "" : number(rate, 1));
-}
-
 function tell(live) {
   const names = JSON.stringify([
     live.gauges.map(({ title, gauges }) => [title, gauges.map(({ name }) => name)]),
@@ -119,7 +61,10 @@ function tell(live) {
     each.ariaPressed = String(live.faults.includes(each.dataset.kind));
   }
   chart?.show(live.gauges);
-  if (picture && live.q?.every((value) => value !== null)) picture.show(live.q, live.tool);
+  if (picture && live.q?.every((value) => value !== null)) {
+    const tip = compose(flange(scene.chain, live.q), fromPose(live.tool));
+    picture.show([{ name: "", chain: scene.chain, place: IDENTITY, q: live.q, tip }]);
+  }
 }
 
 function connected(text, level) {
@@ -139,14 +84,6 @@ function listen() {
 }
 
 // Faults: with the token that is in the address the simulator told; it stays in this tab
-
-function takeToken() {
-  if (location.hash.length > 1) {
-    sessionStorage.setItem("token", location.hash.slice(1));
-    history.replaceState(null, "", location.pathname);
-  }
-  return sessionStorage.getItem("token");
-}
 
 async function ask(path, request) {
   const answer = await fetch(path, {
@@ -187,7 +124,7 @@ async function begin() {
   $("picture").hidden = !scene.chain;
   $("large").hidden = Boolean(scene.chain);
   if (scene.chain) {
-    picture = new ArmPicture($("picture"), scene.chain);
+    picture = new ArmPicture($("picture"), reach(scene.chain));
     new ResizeObserver(() => picture.redraw()).observe($("picture"));
   } else chart = new Chart($("chart"));
   makeButtons();

@@ -21,6 +21,7 @@ BRAKE_DECELERATION: Final = 60.0  # rad/s^2
 DEVIATION_LIMIT: Final = 0.15  # between target and actual joint position, rad
 STEADY_SECONDS: Final = 0.5
 HISTORY_SECONDS: Final = 4.0
+FORGIVING_SECONDS: Final = 1.0
 HOME: Final = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)  # rad, where a simulated arm wakes up
 
 _SNAP = 1e-8  # rad: an actual joint closer to a resting target has arrived
@@ -78,6 +79,7 @@ class Arm:
         self._part: tuple[float, list[float]] | None = None  # of this period that is planned
         self._too_fast: LimitViolation | None = None  # what that violates where it is too fast
         self._tracking = 1.0 - exp(-dt / TRACKING_TIME)
+        self._forgiving = 0  # periods
 
     @property
     def moving(self) -> bool:
@@ -118,6 +120,11 @@ class Arm:
         self._too_fast = None
 
     @property
+    def commanded_q(self) -> list[float]:
+        """Joint positions that the plan will have at the end of this period."""
+        return self.plan_q if self._pending is None else self._pending[0]
+
+    @property
     def commanded_qd(self) -> list[float]:
         """Joint velocity that the plan will have in this period, path time."""
         return self.plan_qd if self._pending is None else self._pending[1]
@@ -129,6 +136,14 @@ class Arm:
     def rebase(self) -> None:
         """Start planning from the target, which compliant modes may have moved off the plan."""
         self.plan_q = list(self.target_q)
+
+    def forgive(self) -> None:
+        """For `FORGIVING_SECONDS`, go to a servo target that is far away as fast as the joints can.
+
+        A controller is never late. Where a busy machine has this one make up for periods, or leaves them out,
+        its clients have gone on, and their targets have leaped through no fault of theirs.
+        """
+        self._forgiving = round(FORGIVING_SECONDS / self.dt)
 
     def servo(self, goal: Floats, lookahead: float, gain: float) -> None:
         """Follow `goal` as `servoj` does: critically damped, late by `lookahead` on a ramp.
@@ -146,16 +161,22 @@ class Arm:
         q: list[float] = []
         qd: list[float] = []
         arrived = True
-        for target, position, velocity in zip(goal, self.plan_q, self.plan_qd, strict=True):
+        for target, position, velocity, fastest in zip(
+            goal, self.plan_q, self.plan_qd, self.model.velocity, strict=True
+        ):
             error = position - target
             c = velocity + w * error
-            new_velocity = (velocity - w * c * h) * decay
-            change = new_velocity - velocity
-            if abs(change) <= limit:
-                error = (error + c * h) * decay
+            wanted = (velocity - w * c * h) * decay
+            new_velocity = max(velocity - limit, min(velocity + limit, wanted))
+            if self._forgiving:
+                new_velocity = max(-fastest, min(fastest, new_velocity))
+            if new_velocity == wanted:
+                way = (error + c * h) * decay - error
             else:
-                new_velocity = velocity + (limit if change > 0.0 else -limit)
-                error += 0.5 * (velocity + new_velocity) * h
+                way = 0.5 * (velocity + new_velocity) * h
+            if self._forgiving:
+                way = max(-fastest * h, min(fastest * h, way))
+            error += way
             if abs(error) > _SERVO_SNAP or abs(new_velocity) > 100 * _SERVO_SNAP:
                 arrived = False
             q.append(target + error)
@@ -169,6 +190,7 @@ class Arm:
         """Advance one period. A returned violation has not been followed: the arm slows down."""
         pending = self._pending
         drift = self._drift_qd
+        self._forgiving = max(0, self._forgiving - 1)
         self._pending = self._part = None
         violation = None
         if not self.enabled:
@@ -182,6 +204,11 @@ class Arm:
             violation = self._deviating_joint()
         self.history.append(self.actual_q)
         return violation
+
+    def put(self, q: Floats) -> None:
+        """Be at rest at `q` at once, as only a simulated arm can."""
+        self.plan_q, self.target_q, self.actual_q = list(q), list(q), list(q)
+        self.actual_qd = [0.0] * 6
 
     def hold(self) -> None:
         """Drop the difference between target and actual, as brakes and a stopped drive do."""

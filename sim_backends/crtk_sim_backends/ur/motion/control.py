@@ -21,8 +21,6 @@ from crtk_sim_backends.ur.urscript.arguments import six
 
 Motion: TypeAlias = Generator[None, None, None]
 
-SINGULARITY = 154
-
 SLOWEST_SHARE: Final = 0.02
 """Of its speed, to which a motion is slowed down where joints cannot follow; less is a singularity."""
 
@@ -92,7 +90,9 @@ class MotionControl:
         if self._claimed_tick == tick:
             if self._owner != caller:
                 raise ScriptRuntimeError("Another thread is already controlling the robot")
-        elif self._claimed_tick < tick - 1 or self.plant.compliance.coasts:
+        elif self.plant.coasts or (
+            self._claimed_tick < tick - 1 and self.plant.superposition.source is None
+        ):
             self.arm.rebase()
         self._claimed_tick = tick
         self._owner = caller
@@ -110,8 +110,8 @@ class MotionControl:
 
     def halt(self, deceleration: float) -> Motion:
         """Bring the joints to rest; takes no time when they rest."""
-        arm, compliance = self.arm, self.plant.compliance
-        while any(arm.plan_qd) or compliance.coasts:
+        arm, plant = self.arm, self.plant
+        while any(arm.plan_qd) or plant.coasts:
             self.claim()
             step = deceleration * arm.time_left
             arm.command_velocity(approach(arm.commanded_qd, (0.0,) * 6, step))

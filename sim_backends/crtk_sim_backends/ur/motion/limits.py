@@ -12,6 +12,9 @@ COLLISION: Final = 157
 COLLISION_WITHOUT_PAYLOAD: Final = 158
 """Error codes of a force beyond its limit; their argument is the joint that feels most of it."""
 
+SINGULARITY: Final = 154
+"""Error code of what joints cannot follow."""
+
 VIOLATION: Final = 191
 TOOL_SPEED: Final = 3
 POWER: Final = 6

@@ -21,8 +21,9 @@ from typing import Any, Final
 
 from crtk_sim_backends.ur.messages import ErrorMessage, Message, ReportLevel
 from crtk_sim_backends.ur.motion.blends import NOWHERE, Pace, Tail, added, exit_speed, pieces
-from crtk_sim_backends.ur.motion.control import SINGULARITY, SLOWEST_SHARE, Motion, MotionControl
+from crtk_sim_backends.ur.motion.control import SLOWEST_SHARE, Motion, MotionControl
 from crtk_sim_backends.ur.motion.kinematics import Floats, Transform, compose, to_pose
+from crtk_sim_backends.ur.motion.limits import SINGULARITY
 from crtk_sim_backends.ur.motion.paths import Arc, JointPath, Line, Path, Rounded, ToolPath, rounded
 from crtk_sim_backends.ur.motion.profiles import TIME_TOLERANCE, Profile, ramps
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError

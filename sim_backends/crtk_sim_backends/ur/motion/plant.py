@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from crtk_sim_backends.ur.models import RobotModel
-from crtk_sim_backends.ur.motion.arm import Arm
+from crtk_sim_backends.ur.motion.arm import Arm, LimitViolation
 from crtk_sim_backends.ur.motion.calibration import kinematics_of
 from crtk_sim_backends.ur.motion.compliance import Compliance
 from crtk_sim_backends.ur.motion.dynamics import Dynamics
 from crtk_sim_backends.ur.motion.force_sensor import ForceSensor
 from crtk_sim_backends.ur.motion.kinematics import IDENTITY, Floats, Matrix, to_transform
+from crtk_sim_backends.ur.motion.superposition import Superposition
 
 
 class Plant:
@@ -32,6 +33,7 @@ class Plant:
         self.kinematics = kinematics_of(model)
         self.dynamics = Dynamics(self.kinematics)
         self.compliance = Compliance(self.arm, self.kinematics)
+        self.superposition = Superposition(self.arm, self.kinematics)
         self.force_sensor = ForceSensor()
         self.tool = IDENTITY
         self.tcp: tuple[float, ...] = (0.0,) * 6
@@ -41,11 +43,28 @@ class Plant:
         self.gravity: tuple[float, ...] = (0.0, 0.0, 9.82)
         self.load_revision = 0
 
-    def comply(self) -> None:
-        """Give way to forces for one control period, in the modes that do."""
-        sensor = self.force_sensor
+    @property
+    def coasts(self) -> bool:
+        """Whether the arm still moves beside its plan, from a mode that has been left."""
+        return self.compliance.coasts or self.superposition.coasts
+
+    def end_modes(self) -> None:
+        """Leave every mode in which the arm moves beside its plan."""
+        self.compliance.end()
+        self.superposition.end(self.arm.stop_deceleration)
+
+    def leave_plan(self, pace: float) -> LimitViolation | None:
+        """Move beside the plan for one control period, in the modes that do.
+
+        What is added to the path goes before what gives way to forces, which then does not. `pace` is 0
+        while the program is paused, 1 else. Returns what the modes violate.
+        """
+        superposition, sensor = self.superposition, self.force_sensor
+        if superposition.source is not None or superposition.coasts:
+            return superposition.step(self.tool, pace)
         measured = sensor.use_external or self.compliance.force_task is not None
         self.compliance.step(sensor.tcp if measured else sensor.applied, self.tool)
+        return None
 
     def set_tcp(self, pose: tuple[float, ...]) -> None:
         """Set the TCP: a pose in the flange frame."""

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from crtk_sim_backends.ur.motion.arm import approach
 from crtk_sim_backends.ur.motion.control import (
-    SINGULARITY,
     SLOWEST_SHARE,
     Motion,
     MotionControl,
@@ -21,6 +20,7 @@ from crtk_sim_backends.ur.motion.kinematics import (
     norm,
     transpose_multiply,
 )
+from crtk_sim_backends.ur.motion.limits import SINGULARITY
 from crtk_sim_backends.ur.motion.profiles import TIME_TOLERANCE
 from crtk_sim_backends.ur.urscript import Builtin, ScriptRuntimeError
 from crtk_sim_backends.ur.urscript.arguments import positive, six

@@ -20,6 +20,9 @@ from crtk_sim_backends.ur.ports.rtde import RtdeError
 CONTROL: Final = "control"
 """The port of the simulator itself, which its faults leave alone."""
 
+_EACH_PERIOD: Final = ("realtime", "realtime_read_only", "tool")
+"""Ports whose clients are sent something, or may be, in each period."""
+
 _SEND_BUFFER: Final = 65536  # bytes that the kernel keeps for one client
 _BACKLOG_LIMIT: Final = 1 << 18  # bytes of untaken replies that end a connection
 _CONTROL_BACKLOG_LIMIT: Final = 1 << 27  # the same on the control socket: whole traces
@@ -51,6 +54,9 @@ class Service(Protocol):
     def connected(self, port: str) -> None:
         """Note that a client has come."""
 
+    def catch_up(self) -> None:
+        """Come to the present: what has arrived is handled next."""
+
 
 class Clients:
     """The ports and who is connected to them.
@@ -74,6 +80,7 @@ class Clients:
         self.ports: dict[str, Port[Session]] = {}
         self.stalled = False
         self.changed = True
+        self._flooded = False  # more arrives in a period than is handled on arrival
         self._service = service
         self._statistics = statistics
         self._speed = speed
@@ -103,18 +110,39 @@ class Clients:
             port.close()
         self.ports.clear()
 
-    def serve_until(self, deadline: float) -> None:
-        """Handle what arrives until the deadline; at least once."""
+    def serve_until(self, deadline: Callable[[], float]) -> None:
+        """Handle what arrives until the deadline, which what arrives may change; at least once."""
+        self._flooded = False
         for _ in range(_WAKE_UPS):
             if self.changed:
                 self._watch()
-            wait = deadline - time.monotonic()
+            wait = deadline() - time.monotonic()
             ready, _, _ = select.select(self._watched, (), (), max(0.0, wait))
             if ready:
+                self._service.catch_up()
                 self._handle(ready, time.monotonic() * self._speed)
             if wait <= 0.0 or self._service.stopping or not ready:
                 return
-        time.sleep(max(0.0, deadline - time.monotonic()))
+        self._flooded = True
+        time.sleep(max(0.0, deadline() - time.monotonic()))
+
+    @property
+    def busy(self) -> bool:
+        """Whether somebody is sent something in each period, waits for the next, or for what is under way."""
+        if self.stalled or self._flooded:
+            return True
+        for port in self.ports.values():
+            for client in port.clients:
+                connection = client.connection
+                if (
+                    port.name in _EACH_PERIOD
+                    or connection.has_input
+                    or connection.has_output
+                    or connection.ended
+                    or _waits(client)
+                ):
+                    return True
+        return False
 
     def _handle(self, ready: list[int], now: float) -> None:
         for fd in ready:

@@ -1,7 +1,7 @@
 """The Robot API of PolyScope X: what the dashboard server was before, as JSON over HTTP.
 
 Source: the client for it in Universal_Robots_Client_Library (dashboard_client_implementation_x).
-Not simulated: upload and download of programs, support files, and setting the operational mode.
+Not simulated: setting the operational mode, which that client cannot either.
 """
 
 from __future__ import annotations
@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from email.parser import BytesParser
 from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import unquote
 
-from crtk_sim_backends.ur.program.programs import ProgramError
+from crtk_sim_backends.ur.program.programs import ProgramError, UploadedProgram
 from crtk_sim_backends.ur.safety.modes import RobotMode, RuntimeState, SafetyMode
 from crtk_sim_backends.ur.versions import Version
 
@@ -27,6 +29,12 @@ DEFAULT_PROGRAM: Final = "Default program"  # what is loaded when nothing was
 
 API_VERSIONS: Final = (((10, 11), "3.0.0"), ((10, 12), "3.1.4"), ((10, 14), "5.0.107"))
 """Version of the interface from that software on."""
+
+PROGRAMS: Final = "/programs/v1"
+SUPPORT_FILES: Final = "/supportfiles/v1"
+EMPTY_ZIP: Final = b"PK\x05\x06" + bytes(18)
+
+Handler = Callable[["RobotApiSession", bytes], dict[str, Any] | None]
 
 _REASONS: Final = {
     200: "OK",
@@ -159,6 +167,7 @@ class RobotApiSession:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._buffer = bytearray()
+        self._content_type = ""
         self._done: Callable[[Controller], bool] | None = None
         self._deadline = 0.0
         self.ended = False
@@ -191,7 +200,7 @@ class RobotApiSession:
             if request is None:
                 return None
             method, path, body = request
-            answer = self._do(method, path.removeprefix(BASE).rstrip("/"), body)
+            answer = self._do(method, unquote(path).removeprefix(BASE).rstrip("/"), body)
         except RequestError as error:
             return _response(error.status, {"message": str(error)})
         return None if self._done is not None else _response(200, answer)
@@ -215,6 +224,7 @@ class RobotApiSession:
             return None
         body = bytes(self._buffer[end + 4 : end + 4 + size])
         del self._buffer[: end + 4 + size]
+        self._content_type = headers.get("content-type", "")
         return words[0], words[1].partition("?")[0], body
 
     def _refuse_when(self, condition: bool, status: int, reason: str) -> None:
@@ -223,8 +233,13 @@ class RobotApiSession:
             self.ended = True
             raise RequestError(status, reason)
 
-    def _do(self, method: str, path: str, body: bytes) -> dict[str, Any]:
+    def _do(self, method: str, path: str, body: bytes) -> dict[str, Any] | bytes:
         if method == "GET":
+            if path == SUPPORT_FILES:
+                return EMPTY_ZIP
+            program = path.removeprefix(f"{PROGRAMS}/")
+            if program != path:
+                return self._download(program)
             if path not in QUESTIONS:
                 raise RequestError(404, f"there is no {path}")
             return QUESTIONS[path](self._robot)
@@ -232,8 +247,7 @@ class RobotApiSession:
         if handler is None:
             status = 405 if path in QUESTIONS else 404
             raise RequestError(status, f"there is no {method} {path}")
-        handler(self, body)
-        return {"message": "OK"}
+        return handler(self, body) or {"message": "OK"}
 
     def _check_remote(self) -> None:
         if not self._robot.controller.obeys_clients:
@@ -274,6 +288,46 @@ class RobotApiSession:
     def _add_to_log(self, body: bytes) -> None:
         self._robot.controller.note(_text(body, "message"))
 
+    def _generate_support_files(self, _: bytes) -> None:
+        """There is nothing to put into them."""
+
+    def _upload(self, body: bytes) -> dict[str, Any]:
+        program = self._uploaded(body)
+        programs = self._robot.controller.programs
+        if program.name in programs.names():
+            raise RequestError(400, f"there is a program {_short(program.name)} already")
+        programs.upload(program)
+        return {"programName": _short(program.name)}
+
+    def _update(self, body: bytes) -> dict[str, Any]:
+        program = self._uploaded(body)
+        programs = self._robot.controller.programs
+        if programs.uploaded(program.name) is None:
+            raise RequestError(404, f"no program {_short(program.name)} was uploaded")
+        programs.upload(program)
+        return {"programName": _short(program.name)}
+
+    def _uploaded(self, body: bytes) -> UploadedProgram:
+        """Program in the part `file` of a form."""
+        head = f"Content-Type: {self._content_type}\r\n\r\n".encode("latin-1", "replace")
+        for part in BytesParser().parsebytes(head + body).walk():
+            content = part.get_payload(decode=True)
+            named = part.get_param("name", header="content-disposition")
+            if named == "file" and isinstance(content, bytes):
+                try:
+                    return UploadedProgram(json.loads(content))
+                except (ValueError, RecursionError) as error:
+                    raise RequestError(400, f"the file is no JSON: {error}") from error
+                except ProgramError as error:
+                    raise RequestError(400, f"the file is no program: {error}") from error
+        raise RequestError(400, "the body must be a form with a file")
+
+    def _download(self, name: str) -> dict[str, Any]:
+        program = self._robot.controller.programs.uploaded(f"{name}.urp")
+        if program is None:
+            raise RequestError(404, f"no program {name} was uploaded")
+        return dict(program.content)
+
     def _finish(self) -> bytes | None:
         """Answer to the command under way once it is done or has taken too long."""
         controller = self._robot.controller
@@ -305,7 +359,7 @@ class RobotApiSession:
             return
         raise RequestError(404, f"there is no program {name}")
 
-    _HANDLERS: Final[Mapping[tuple[str, str], Callable[[RobotApiSession, bytes], None]]] = {
+    _HANDLERS: Final[Mapping[tuple[str, str], Handler]] = {
         ("PUT", "/robotstate/v1/state"): _robot_action,
         ("PUT", "/program/v1/state"): _program_action,
         ("PUT", "/program/v1/loaded"): _load,
@@ -315,7 +369,14 @@ class RobotApiSession:
         ("DELETE", "/popup/v1"): _close_popup,
         ("DELETE", "/popup/v1/safety"): _close_safety_popup,
         ("POST", "/system/v1/log"): _add_to_log,
+        ("POST", PROGRAMS): _upload,
+        ("PUT", PROGRAMS): _update,
+        ("POST", SUPPORT_FILES): _generate_support_files,
     }
+
+
+def _short(name: str) -> str:
+    return name.removesuffix(".urp")
 
 
 def _header(line: str) -> tuple[str, str]:
@@ -334,10 +395,12 @@ def _text(body: bytes, key: str) -> str:
     return value
 
 
-def _response(status: int, content: dict[str, Any]) -> bytes:
-    body = json.dumps(content).encode()
+def _response(status: int, content: dict[str, Any] | bytes) -> bytes:
+    kind, body = "zip", content
+    if not isinstance(body, bytes):
+        kind, body = "json", json.dumps(content).encode()
     head = (
         f"HTTP/1.1 {status} {_REASONS[status]}\r\n"
-        f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+        f"Content-Type: application/{kind}\r\nContent-Length: {len(body)}\r\n\r\n"
     )
     return head.encode() + body

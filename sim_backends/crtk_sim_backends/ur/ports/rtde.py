@@ -11,7 +11,7 @@ import math
 import struct
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Final
@@ -90,14 +90,19 @@ def text_message(protocol: int, level: TextLevel, text: str) -> bytes:
 
 
 class InputClaims:
-    """Which session owns which input variable; a name has at most one owner."""
+    """Which session owns which input variable; a name has at most one owner.
 
-    def __init__(self) -> None:
+    Args:
+        reserved: what no session can have, because a fieldbus has it.
+    """
+
+    def __init__(self, reserved: Iterable[str] = ()) -> None:
+        self._reserved = frozenset(reserved)
         self._owners: dict[str, RtdeSession] = {}
 
     def free_for(self, name: str, session: RtdeSession) -> bool:
         """Whether `session` may claim `name`."""
-        return self._owners.get(name, session) is session
+        return name not in self._reserved and self._owners.get(name, session) is session
 
     def claim(self, names: list[str], session: RtdeSession) -> None:
         """Give `names` to `session`."""
@@ -218,6 +223,10 @@ class RtdeSession:
         claims: owners of the input variables, shared by all sessions.
         trace: where received input packages are noted.
         number: number of the connection, for the trace.
+
+    Attributes:
+        started: whether its packages are sent.
+        divider: control periods from one package to the next.
     """
 
     ended = False
@@ -239,7 +248,7 @@ class RtdeSession:
         self._protocol = 1
         self._properties = properties(version)
         self._outputs: OutputRecipe | None = None
-        self._divider = 1
+        self.divider = 1
         self._inputs: dict[int, InputRecipe] = {}
         self._complaint = ""  # about the package that is handled now
         self.started = False
@@ -278,7 +287,7 @@ class RtdeSession:
 
     def package(self, tick: int) -> bytes | None:
         """Build the data package due at `tick`; None when none is."""
-        if not self.started or self._outputs is None or tick % self._divider:
+        if not self.started or self._outputs is None or tick % self.divider:
             return None
         controller = self._controller
         image = controller.outputs
@@ -312,7 +321,7 @@ class RtdeSession:
         valid &= _HEADER.size + 1 + struct.calcsize(">" + _format(found)) <= _LARGEST_PACKAGE
         if valid:
             self._outputs = OutputRecipe(found, self._protocol)
-            self._divider = int(top / min(max(frequency, 1.0), top))
+            self.divider = int(top / min(max(frequency, 1.0), top))
         lead = bytes([_OUTPUT_RECIPE if valid else 0]) if self._protocol > 1 else b""
         return lead + ",".join(types).encode()
 

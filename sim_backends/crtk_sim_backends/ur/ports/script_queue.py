@@ -34,6 +34,11 @@ class ScriptQueue:
         self._compilation: Compilation | None = None
         self.last: deque[dict[str, Any]] = deque(maxlen=_REMEMBERED)
 
+    @property
+    def waiting(self) -> bool:
+        """Whether one is not run yet."""
+        return bool(self._waiting)
+
     def put(self, script: str) -> None:
         """Take one program or line, and run it at once when it is short and none waits."""
         first_line = script.partition("\n")[0]

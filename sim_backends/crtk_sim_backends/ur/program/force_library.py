@@ -13,11 +13,14 @@ from crtk_sim_backends.ur.motion.compliance import ForceTask, Turning
 from crtk_sim_backends.ur.motion.contact import CONTACT_FORCE, Surroundings
 from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.urscript import Builtin, List, Pose, ScriptRuntimeError
-from crtk_sim_backends.ur.urscript.arguments import LARGEST, six, vector
+from crtk_sim_backends.ur.urscript.arguments import LARGEST, positive, six, vector
 
 
 def force_builtins(
-    plant: Plant, surroundings: Surroundings, outputs: Mapping[str, Any]
+    plant: Plant,
+    surroundings: Surroundings,
+    outputs: Mapping[str, Any],
+    watch_forces: Callable[[bool], None],
 ) -> Iterator[Builtin]:
     """Every built-in of this module for one controller.
 
@@ -25,13 +28,17 @@ def force_builtins(
         plant: its mechanics.
         surroundings: what acts on the tool.
         outputs: process image by RTDE output variable name.
+        watch_forces: begins or ends to expect forces measured by an RTDE client.
     """
-    for call in (*_tool(plant, surroundings, outputs), *_compliance(plant)):
+    for call in (*_tool(plant, surroundings, outputs, watch_forces), *_compliance(plant)):
         yield Builtin(call.__name__, call)
 
 
 def _tool(
-    plant: Plant, surroundings: Surroundings, outputs: Mapping[str, Any]
+    plant: Plant,
+    surroundings: Surroundings,
+    outputs: Mapping[str, Any],
+    watch_forces: Callable[[bool], None],
 ) -> list[Callable[..., Any]]:
     sensor = plant.force_sensor
 
@@ -89,6 +96,7 @@ def _tool(
     ) -> None:
         """Measure with `external_force_torque`, taken to be free of the sensor's own weight."""
         sensor.use_external = bool(enable)
+        watch_forces(bool(enable))
         plant.load_changed()
 
     def enable_external_ft_sensor(
@@ -171,6 +179,27 @@ def _compliance(plant: Plant) -> list[Callable[..., Any]]:
     def end_freedrive_mode() -> None:
         compliance.freedrive_axes = None
 
+    def freedrive_mode_no_incorrect_payload_check() -> None:
+        freedrive_mode()
+
+    def screw_driving(f: float, v_limit: float) -> None:
+        """Press with `f`, N, along the z axis that the tool has now, and follow with `v_limit`, m/s."""
+        (force,) = vector("screw_driving f", [f], 1)
+        speed = positive("screw_driving v_limit", v_limit)
+        frame = k.compose(plant.kinematics.flange(arm.target_q), plant.tool)
+        along = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+        compliance.start_force(
+            ForceTask(
+                frame=frame,
+                selection=tuple(bool(x) for x in along),
+                wrench=tuple(force * x for x in along),
+                limits=tuple(speed * x for x in along),
+            )
+        )
+
+    def end_screw_driving() -> None:
+        end_force_mode()
+
     def teach_mode() -> None:
         freedrive_mode()
 
@@ -191,6 +220,9 @@ def _compliance(plant: Plant) -> list[Callable[..., Any]]:
         force_mode_set_gain_scaling,
         freedrive_mode,
         end_freedrive_mode,
+        freedrive_mode_no_incorrect_payload_check,
+        screw_driving,
+        end_screw_driving,
         teach_mode,
         end_teach_mode,
         get_freedrive_status,

@@ -84,6 +84,9 @@ def _registers(
     def write_output_boolean_register(address: int, value: bool) -> None:
         outputs.update(boolean_written(outputs, "output", boolean(address), bool(value)))
 
+    def pause_on_error_code(code: int, argument: int | None = None) -> None:
+        player.pauses_on.add((int(code), None if argument is None else int(argument)))
+
     def rtde_set_watchdog(variable_name: str, min_frequency: float, action: str = "pause") -> None:
         if variable_name not in inputs:
             raise ScriptRuntimeError(f"rtde_set_watchdog: no input variable {variable_name}")
@@ -102,6 +105,7 @@ def _registers(
         write_output_integer_register,
         write_output_boolean_register,
         rtde_set_watchdog,
+        pause_on_error_code,
     ]
 
 

@@ -13,12 +13,19 @@ from collections.abc import Callable, Generator, Iterator
 from typing import Any, Final
 
 from crtk_sim_backends.ur.program.signal_library import input_action
-from crtk_sim_backends.ur.signals.modbus_client import KINDS, ModbusUnits, Signal, UnitConnection
+from crtk_sim_backends.ur.signals.modbus_client import (
+    KINDS,
+    READ_WRITE,
+    ModbusUnits,
+    Signal,
+    UnitConnection,
+)
 from crtk_sim_backends.ur.signals.state_signals import CHOICES, StateSignals
 from crtk_sim_backends.ur.urscript import Builtin, List, ScriptRuntimeError
 
 _LONGEST_NAME: Final = 20  # characters
 _LARGEST_COUNT: Final = 123
+_MOST_WRITTEN: Final = 121  # of function 23, by the Modbus specification; the manual says 123
 _SIGNALS: Final = 100
 _ADDRESS: Final = r"\d{1,3}(\.\d{1,3}){3}(:\d{1,5})?"
 
@@ -57,6 +64,20 @@ def _find(units: ModbusUnits, name: str, signal_name: Any) -> tuple[Signal, Unit
 
 
 def _settings(state_signals: StateSignals, units: ModbusUnits) -> list[Call]:
+    def named(name: str, signal_name: Any) -> str:
+        if not isinstance(signal_name, str) or not 0 < len(signal_name) <= _LONGEST_NAME:
+            raise ScriptRuntimeError(f"{name}: a name has 1 to {_LONGEST_NAME} characters")
+        if units.find(signal_name) is None and units.count >= _SIGNALS:
+            raise ScriptRuntimeError(f"{name}: more than {_SIGNALS} signals")
+        return signal_name
+
+    def add(name: str, address: Any, signal: Signal) -> None:
+        try:
+            units.add(_address(name, address), signal)
+        except OverflowError as error:
+            raise ScriptRuntimeError(f"{name}: {error}") from None
+        state_signals.forget(_label(signal.name))
+
     def modbus_add_signal(
         IP: str,  # noqa: N803
         slave_number: int,
@@ -67,25 +88,40 @@ def _settings(state_signals: StateSignals, units: ModbusUnits) -> list[Call]:
         register_count: int = 1,
     ) -> None:
         name = "modbus_add_signal"
-        address = _address(name, IP)
         if signal_type not in KINDS:
             raise ScriptRuntimeError(f"{name}: no signal type {signal_type}")
-        if not isinstance(signal_name, str) or not 0 < len(signal_name) <= _LONGEST_NAME:
-            raise ScriptRuntimeError(f"{name}: a name has 1 to {_LONGEST_NAME} characters")
-        if units.find(signal_name) is None and units.count >= _SIGNALS:
-            raise ScriptRuntimeError(f"{name}: more than {_SIGNALS} signals")
         signal = Signal(
-            signal_name,
+            named(name, signal_name),
             KINDS[int(signal_type)],
             _integer(name, "slave_number", slave_number, 0, 255),
             _integer(name, "signal_address", signal_address, 0, 65535),
             _integer(name, "register_count", register_count, 1, _LARGEST_COUNT),
         )
-        try:
-            units.add(address, signal)
-        except OverflowError as error:
-            raise ScriptRuntimeError(f"{name}: {error}") from None
-        state_signals.forget(_label(signal_name))
+        add(name, IP, signal)
+
+    def modbus_add_rw_signal(
+        IP: str,  # noqa: N803
+        slave_number: int,
+        read_address: int,
+        read_register_count: int,
+        write_address: int,
+        write_register_count: int,
+        signal_name: str,
+        sequential_mode: bool = False,
+    ) -> None:
+        name = "modbus_add_rw_signal"
+        signal = Signal(
+            named(name, signal_name),
+            READ_WRITE,
+            _integer(name, "slave_number", slave_number, 0, 255),
+            _integer(name, "read_address", read_address, 0, 65535),
+            _integer(name, "read_register_count", read_register_count, 1, _LARGEST_COUNT),
+            (
+                _integer(name, "write_address", write_address, 0, 65535),
+                _integer(name, "write_register_count", write_register_count, 1, _MOST_WRITTEN),
+            ),
+        )
+        add(name, IP, signal)
 
     def modbus_delete_signal(signal_name: str) -> None:
         units.delete(signal_name)
@@ -97,11 +133,10 @@ def _settings(state_signals: StateSignals, units: ModbusUnits) -> list[Call]:
             what = "digital output" if bits else "register output"
             raise ScriptRuntimeError(f"{name}: {signal_name} is no {what}")
         values = list(value) if isinstance(value, list) else [value]
-        if not 0 < len(values) <= signal.count:
-            raise ScriptRuntimeError(f"{name}: {signal_name} takes 1 to {signal.count} values")
+        if not 0 < len(values) <= signal.settable:
+            raise ScriptRuntimeError(f"{name}: {signal_name} takes 1 to {signal.settable} values")
         words = [_integer(name, "a value", x, 0, 1 if bits else 65535) for x in values]
-        others = signal.wanted or signal.answer.values or (0,) * signal.count
-        signal.wanted = (*words, *others[len(words) :])
+        signal.wanted = (*words, *signal.present[len(words) :])
         connection.request(signal)
 
     def modbus_set_output_register(
@@ -186,6 +221,7 @@ def _settings(state_signals: StateSignals, units: ModbusUnits) -> list[Call]:
 
     return [
         modbus_add_signal,
+        modbus_add_rw_signal,
         modbus_delete_signal,
         modbus_set_output_register,
         modbus_set_output_signal,

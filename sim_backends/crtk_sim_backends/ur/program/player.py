@@ -27,6 +27,8 @@ from crtk_sim_backends.ur.urscript import (
 from crtk_sim_backends.ur.versions import Version
 
 RAMP_SECONDS: Final = 0.2  # for speed scaling to go from nothing to full, s
+FORCES: Final = "external_force_torque"
+FORCE_FREQUENCY: Final = 10.0  # Hz, in which they have to come (manual, ft_rtde_input_enable)
 SECONDARY_LIMIT: Final = 16  # secondary programs at a time
 
 _STEPPED: Final = (RuntimeState.PLAYING, RuntimeState.PAUSING, RuntimeState.RESUMING)
@@ -88,6 +90,7 @@ class ProgramPlayer:
         thread_ended: what is called with the owner (see `caller`) of motions when its thread ends.
         pause_factor: speed scaling by pause: 1 while playing, 0 when paused.
         has_watchdogs: whether those that programs ask for are kept.
+        pauses_on: code and argument (None: any) of the errors at which the running program wants a pause.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -101,6 +104,8 @@ class ProgramPlayer:
         self._stepping: ProgramRuntime | None = None
         self.has_watchdogs = True
         self._watchdogs: dict[str, _Watchdog] = {}
+        self._default_watchdog: _Watchdog | None = None  # of measured forces
+        self.pauses_on: set[tuple[int, int | None]] = set()
         self.state: RuntimeState = RuntimeState.STOPPED
         self.name = ""
         self.failed = False
@@ -265,7 +270,8 @@ class ProgramPlayer:
         self._program = None
         runtime.stop()
         self._watchdogs.clear()
-        plant.compliance.end()
+        self.pauses_on.clear()
+        plant.end_modes()
         # The arm slows down from its present speed; the pause no longer counts.
         arm.plan_qd = [v * self.pause_factor for v in arm.plan_qd]
         self.pause_factor = 1.0
@@ -290,6 +296,14 @@ class ProgramPlayer:
         else:
             time = self._clock.time
             self._watchdogs[variable] = _Watchdog(1.0 / frequency, action, time)
+
+    def watch_forces(self, on: bool) -> None:
+        """Expect measured forces ten times a second, where a program has set no watchdog itself."""
+        if on and self._program is not None and not self._watchdogs:
+            self.set_watchdog(FORCES, FORCE_FREQUENCY, "pause")
+            self._default_watchdog = self._watchdogs.get(FORCES)
+        elif not on and self._watchdogs.get(FORCES) is self._default_watchdog:
+            self._watchdogs.pop(FORCES, None)
 
     def written(self, variable: str) -> None:
         """Tell that an RTDE input has been written."""

@@ -1,14 +1,16 @@
 """The programs and installations of a controller: a folder of files, and two programs of its own.
 
 PolyScope keeps a program as ``name.urp`` (its tree, compressed) and writes what the controller
-executes beside it as ``name.script``. Only the latter can be run here.
+executes beside it as ``name.script``. Only the latter can be run here. PolyScope X keeps both in one
+``.urpx``, in JSON; those are uploaded.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
-from typing import Final
+from typing import Any, Final
 
 PROGRAM_FOLDER: Final = "/programs/"
 DEFAULT_INSTALLATION: Final = "default.installation"
@@ -24,6 +26,32 @@ class ProgramError(Exception):
     """A file that is there and cannot be loaded."""
 
 
+class UploadedProgram:
+    """A program of PolyScope X.
+
+    Args:
+        content: of its .urpx: the tree of the program, and the script that was made of it.
+
+    Attributes:
+        content: the same.
+        name: of the program, with .urp.
+        text: script that the controller executes: the application's, then the program's.
+
+    Raises:
+        ProgramError: it is no such file.
+    """
+
+    def __init__(self, content: Mapping[str, Any]) -> None:
+        self.content = content
+        name = _text_at(content, "program", "programInformation", "name")
+        script = _text_at(content, "program", "urscript", "script")
+        if not name or script is None:
+            raise ProgramError("it has no program with a name and a script")
+        self.name = f"{name}.urp"
+        before = _text_at(content, "application", "urscript", "script") or ""
+        self.text = f"def {_identifier(name)}():\n{before}\n{script}\nend\n"
+
+
 class ProgramFiles:
     """What `load` and `load installation` find, and what is loaded.
 
@@ -37,6 +65,7 @@ class ProgramFiles:
 
     def __init__(self, folder: Path | None = None) -> None:
         self._folder = folder
+        self._uploaded: dict[str, UploadedProgram] = {}
         self._text = ""
         self.loaded = ""
         self.installation = DEFAULT_INSTALLATION
@@ -48,12 +77,20 @@ class ProgramFiles:
 
     def names(self) -> list[str]:
         """Paths of the programs that can be loaded."""
-        found = set(_BUILT_IN)
+        found = {*_BUILT_IN, *self._uploaded}
         if self._folder is not None:
             for path in self._folder.rglob("*"):
                 if path.suffix in (".urp", ".script"):
                     found.add(str(path.relative_to(self._folder).with_suffix(".urp")))
         return sorted(found)
+
+    def uploaded(self, name: str) -> UploadedProgram | None:
+        """Program that was uploaded under this name, None for none."""
+        return self._uploaded.get(name)
+
+    def upload(self, program: UploadedProgram) -> None:
+        """Keep a program, in place of an uploaded one of the same name."""
+        self._uploaded[program.name] = program
 
     def load(self, name: str, text: str) -> None:
         """Remember a program as the loaded one."""
@@ -68,6 +105,8 @@ class ProgramFiles:
         """
         path = self._path(name)
         if path is None:
+            if name in self._uploaded:
+                return self._uploaded[name].text
             if _within(name) in _BUILT_IN:
                 return _IDLE_PROGRAM.format(_within(name).removesuffix(".urp"))
             raise FileNotFoundError(name)
@@ -108,6 +147,13 @@ def _within(name: str) -> str:
     for folder in _FOLDERS:
         name = name.removeprefix(folder)
     return str(PurePosixPath(name.lstrip("/")))
+
+
+def _text_at(content: Any, *keys: str) -> str | None:
+    """Text in nested objects; None where there is none."""
+    for key in keys:
+        content = content.get(key) if isinstance(content, Mapping) else None
+    return content if isinstance(content, str) else None
 
 
 def _identifier(name: str) -> str:

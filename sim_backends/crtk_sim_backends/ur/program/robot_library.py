@@ -104,6 +104,15 @@ def _state(robot: Robot) -> list[Callable[..., Any]]:
     def textmsg(s1: Any, s2: Any = "") -> None:
         robot.post(TextMessage(to_text(s1) + to_text(s2)))
 
+    def set_pos(q: Any) -> None:
+        """Put an arm that rests to joint positions, as on the vendor's own simulator."""
+        positions = six("set_pos", q)
+        if any(abs(x) > limit for x, limit in zip(positions, arm.model.position, strict=True)):
+            raise ScriptRuntimeError("set_pos: the position is beyond a joint's range")
+        if arm.moving:
+            raise ScriptRuntimeError("set_pos: the arm moves")
+        arm.put(positions)
+
     def protective_stop() -> None:
         robot.protective_stop(209)
 
@@ -126,9 +135,8 @@ def _state(robot: Robot) -> list[Callable[..., Any]]:
         "get_target_tcp_pose": lambda: tool_pose(arm.target_q),
         "get_actual_tcp_speed": lambda: twist(arm.actual_qd),
         "get_target_tcp_speed": lambda: twist(arm.target_qd),
-        # No offset from the path is simulated.
-        "get_target_tcp_pose_along_path": lambda: tool_pose(arm.target_q),
-        "get_target_tcp_speed_along_path": lambda: twist(arm.target_qd),
+        "get_target_tcp_pose_along_path": lambda: tool_pose(arm.plan_q),
+        "get_target_tcp_speed_along_path": lambda: twist([v * arm.scale for v in arm.plan_qd]),
         "get_actual_tool_flange_pose": lambda: Pose(plant.kinematics.forward(arm.actual_q)),
         "get_target_tool_flange_pose": lambda: Pose(plant.kinematics.forward(arm.target_q)),
         "get_target_waypoint": lambda: (
@@ -155,6 +163,7 @@ def _state(robot: Robot) -> list[Callable[..., Any]]:
         get_rtde_value,
         time,
         textmsg,
+        set_pos,
         protective_stop,
     ]
 

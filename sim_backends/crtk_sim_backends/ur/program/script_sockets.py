@@ -120,6 +120,11 @@ class ScriptSockets:
         yield from (Builtin(call.__name__, call, blocking=True) for call in waiting)
         yield from (Builtin(call.__name__, call) for call in instant)
 
+    @property
+    def open(self) -> bool:
+        """Whether there is any."""
+        return bool(self._sockets)
+
     def flush(self) -> None:
         """Send on what peers did not take at once."""
         for sock in self._sockets.values():

@@ -70,6 +70,20 @@ def _settings() -> list[Callable[..., Any]]:
     def high_holding_torque_disable() -> None:
         pass
 
+    def reset_revolution_counter(qNear: Any = (0.0,) * 6) -> None:  # noqa: N803
+        six("reset_revolution_counter", qNear)
+
+    def set_baselight_off() -> None:
+        pass
+
+    def set_baselight_iec() -> None:
+        pass
+
+    def set_baselight_solid(r: int, g: int, b: int) -> None:
+        for colour in (r, g, b):
+            if not 0 <= colour <= 255:
+                raise ScriptRuntimeError(f"set_baselight_solid: no colour {colour}")
+
     def position_deviation_warning(enabled: bool, threshold: float = 0.8) -> None:
         if not 0 <= threshold <= 1:
             raise ScriptRuntimeError(f"position_deviation_warning: no threshold {threshold}")
@@ -84,5 +98,9 @@ def _settings() -> list[Callable[..., Any]]:
         tool_wrench_limit_disable,
         high_holding_torque_enable,
         high_holding_torque_disable,
+        reset_revolution_counter,
+        set_baselight_off,
+        set_baselight_iec,
+        set_baselight_solid,
         position_deviation_warning,
     ]

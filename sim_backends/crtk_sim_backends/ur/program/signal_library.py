@@ -27,6 +27,9 @@ _PINS: Final[Mapping[str, tuple[int, ...]]] = {
 }
 """Bits of the digital signals that functions of one kind have, by number."""
 
+_EUROMAP: Final = range(32)
+_EUROMAP_OUTPUTS: Final = "euromap67_output_bits"
+
 _INPUTS: Final = "actual_digital_input_bits"
 _OUTPUTS: Final = "actual_digital_output_bits"
 
@@ -60,7 +63,7 @@ class Robot(Protocol):
 
 def signal_builtins(robot: Robot) -> Iterator[Builtin]:
     """Every built-in of this module for one robot."""
-    groups = [_digital, _analog, _flags, _tool, _actions, _run_state]
+    groups = [_digital, _analog, _flags, _tool, _actions, _run_state, _euromap]
     if not robot.model.is_cb3:
         groups.append(_tool_connector)
     for group in groups:
@@ -215,6 +218,39 @@ def _tool_connector(robot: Robot) -> dict[str, Call]:
         "set_tool_output_mode": set_tool_output_mode,
         "set_tool_digital_output_mode": set_tool_digital_output_mode,
         "set_tool_communication": set_tool_communication,
+    }
+
+
+def _euromap(robot: Robot) -> dict[str, Call]:
+    """Euromap 67: what is set and read, without a machine at the other end."""
+    out = robot.outputs
+
+    def reader(name: str, image: str) -> Call:
+        def read(port_number: int) -> bool:
+            return bool(out[image] >> _one_of(name, "Euromap signal", port_number, _EUROMAP) & 1)
+
+        return read
+
+    def put(port: int, level: bool) -> None:
+        bit = 1 << port
+        bits = out[_EUROMAP_OUTPUTS]
+        out[_EUROMAP_OUTPUTS] = bits | bit if level else bits & ~bit
+
+    def set_euromap_output(port_number: int, signal_level: bool) -> None:
+        port = _one_of("set_euromap_output", "Euromap signal", port_number, _EUROMAP)
+        put(port, bool(signal_level))
+
+    def set_euromap_runstate_dependent_choice(port_number: int, runstate_choice: int) -> None:
+        name = "set_euromap_runstate_dependent_choice"
+        port = _one_of(name, "Euromap signal", port_number, _EUROMAP)
+        choice = _one_of(name, "state", runstate_choice, CHOICES)
+        robot.state_signals.set_choice(f"{name} {port}", lambda level: put(port, level), choice)
+
+    return {
+        "get_euromap_input": reader("get_euromap_input", "euromap67_input_bits"),
+        "get_euromap_output": reader("get_euromap_output", _EUROMAP_OUTPUTS),
+        "set_euromap_output": set_euromap_output,
+        "set_euromap_runstate_dependent_choice": set_euromap_runstate_dependent_choice,
     }
 
 

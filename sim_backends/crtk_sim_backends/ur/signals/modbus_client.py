@@ -54,6 +54,9 @@ KINDS: Final[Mapping[int, Kind]] = {
 }
 """Types of `modbus_add_signal`."""
 
+READ_WRITE: Final = Kind(False, "read_holding_registers", "readwrite_registers")
+"""That of `modbus_add_rw_signal`: function 3 until it is set, then 23, which writes and reads."""
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:
@@ -68,19 +71,33 @@ class Answer:
 
 @dataclass(eq=False, slots=True)
 class Signal:
-    """One signal of a unit."""
+    """One signal of a unit; `written` are first address and count of what a READ_WRITE one writes."""
 
     name: str
     kind: Kind
     unit: int
     address: int
     count: int
+    written: tuple[int, int] | None = None
     frequency: float = FREQUENCY
     watchdog: float = WATCHDOG
     wanted: tuple[int, ...] | None = None  # of an output, once a program has set it
     due: float = 0.0  # monotonic, s
     requested: bool = False
     answer: Answer = field(default_factory=lambda: Answer(valid_time=time.monotonic()))
+
+    @property
+    def settable(self) -> int:
+        """How many values can be set."""
+        return self.written[1] if self.written else self.count
+
+    @property
+    def present(self) -> tuple[int, ...]:
+        """What is written where nothing else is asked for: what was, or what the unit had."""
+        if self.wanted is not None:
+            return self.wanted
+        held = None if self.written else self.answer.values
+        return held or (0,) * self.settable
 
     @property
     def valid(self) -> bool:
@@ -212,7 +229,8 @@ class UnitConnection:
             if found.isError():
                 device = found.exception_code
             else:
-                values = wanted or _values(found, signal)
+                writes_alone = wanted is not None and signal.written is None
+                values = wanted if writes_alone else _values(found, signal)
         now = time.monotonic()
         valid = before.valid_time if device or connection else now
         signal.answer = Answer(values, valid, device, connection, before.count + 1)
@@ -227,6 +245,14 @@ def _exchange(client: Any, signal: Signal, wanted: tuple[int, ...] | None) -> An
     if wanted is None or kind.write is None:
         read = getattr(client, kind.read)
         return read(signal.address, count=signal.count, device_id=unit)
+    if signal.written is not None:
+        return getattr(client, kind.write)(
+            read_address=signal.address,
+            read_count=signal.count,
+            write_address=signal.written[0],
+            values=list(wanted),
+            device_id=unit,
+        )
     if kind.write_single and signal.count == 1:
         return getattr(client, kind.write_single)(signal.address, wanted[0], device_id=unit)
     values = [bool(value) for value in wanted] if kind.bits else list(wanted)

@@ -9,6 +9,23 @@ BOOLEANS: Final = 128
 """How many there are in each direction."""
 
 
+FIELDBUS_INPUTS: Final = (
+    "input_bit_registers0_to_31",
+    "input_bit_registers32_to_63",
+    *(f"input_int_register_{i}" for i in range(24)),
+    *(f"input_double_register_{i}" for i in range(24)),
+)
+"""Variables that EtherNet/IP or PROFINET has to itself, once it is enabled (RTDE guide, script manual)."""
+
+
+def fieldbus_value(name: str, value: float) -> float:
+    """What a fieldbus puts into one of `FIELDBUS_INPUTS`: a number, or 32 bits with or without sign."""
+    if "double" in name:
+        return value
+    bits = int(value) & 0xFFFFFFFF
+    return bits if "bit" in name else (bits ^ 0x80000000) - 0x80000000
+
+
 def _place(direction: str, index: int) -> tuple[str, int]:
     """Variable of a register, and its bit in it; 0 for a variable of its own."""
     if index < 64:

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import re
 import socket
+import termios
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
@@ -54,7 +55,10 @@ class _TtyStream:
 
     def configure(self, settings: LineSettings) -> None:
         self._port.baudrate = settings.baud
-        self._port.parity = _PARITY_LETTERS[settings.parity]
+        try:
+            self._port.parity = _PARITY_LETTERS[settings.parity]
+        except termios.error:  # a pseudo-terminal has none
+            self._port.parity = _PARITY_LETTERS[0]
         self._port.stopbits = settings.stop_bits
 
     def close(self) -> None:

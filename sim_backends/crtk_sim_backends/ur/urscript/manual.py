@@ -38,6 +38,15 @@ SINCE: Final[Mapping[str, Since]] = {
     "get_mass_matrix": Since(None, (5, 22)),
     "get_rtde_value": Since(None, (5, 22)),
     "torque_command": Since(None, (5, 22)),
+    # UR, "New conveyor tracking guide": CB3 3.8 and e-Series 5.2.
+    "encoder_enable_pulse_decode": Since((3, 8), (5, 2)),
+    "encoder_enable_set_tick_count": Since((3, 8), (5, 2)),
+    "encoder_get_tick_count": Since((3, 8), (5, 2)),
+    "encoder_set_tick_count": Since((3, 8), (5, 2)),
+    "encoder_unwind_delta_tick_count": Since((3, 8), (5, 2)),
+    # Manual 5.x, "Flexible Ethernet/IP Adapter": from PolyScope 5.16 on.
+    "eip_reader_factory": Since(None, (5, 16)),
+    "eip_writer_factory": Since(None, (5, 16)),
     # UR's article "Interpreter mode": e-Series, from 5.10 on.
     "clear_interpreter": Since(None, (5, 10)),
     "end_interpreter": Since(None, (5, 10)),
@@ -117,7 +126,8 @@ clear_interpreter conveyor_pulse_decode direct_torque encoder_enable_pulse_decod
 encoder_enable_set_tick_count encoder_get_tick_count encoder_set_tick_count
 encoder_unwind_delta_tick_count end_force_mode end_freedrive_mode end_interpreter
 end_screw_driving end_teach_mode force_mode force_mode_set_damping
-force_mode_set_gain_scaling freedrive_mode get_conveyor_tick_count get_freedrive_status
+force_mode_set_gain_scaling freedrive_mode
+freedrive_mode_no_incorrect_payload_check get_conveyor_tick_count get_freedrive_status
 get_target_tcp_pose_along_path get_target_tcp_speed_along_path interpreter_mode
 motion_version_get motion_version_set movec movej movel movep optimovej optimovel
 path_offset_disable path_offset_enable path_offset_get path_offset_set

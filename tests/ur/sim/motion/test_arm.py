@@ -5,7 +5,14 @@ from __future__ import annotations
 import pytest
 
 from crtk_sim_backends.ur.models import MODELS
-from crtk_sim_backends.ur.motion.arm import BRAKE_DECELERATION, HOME, SUDDEN_CHANGE, Arm, approach
+from crtk_sim_backends.ur.motion.arm import (
+    BRAKE_DECELERATION,
+    FORGIVING_SECONDS,
+    HOME,
+    SUDDEN_CHANGE,
+    Arm,
+    approach,
+)
 from rigs.ur_controller import apart
 
 DT = 0.002
@@ -154,6 +161,38 @@ def test_servo_to_a_far_point_violates_the_speed_limit(arm: Arm) -> None:
             codes.add(violation.code)
             break
     assert codes == {204}
+
+
+@pytest.mark.parametrize("speed", [-3.0, 0.0, 2.5])
+@pytest.mark.parametrize("lookahead", [0.03, 0.1])
+def test_where_periods_were_left_out_it_goes_to_a_far_point_at_top_speed(
+    arm: Arm, lookahead: float, speed: float
+) -> None:
+    drive(arm, speed, 0.1)
+    goal = [q + 0.8 for q in HOME]
+    arm.forgive()
+    fastest = 0.0
+    for _ in range(round(FORGIVING_SECONDS / DT)):
+        arm.servo(goal, lookahead, 300.0)
+        assert arm.step() is None
+        fastest = max(fastest, arm.target_qd[0])
+    assert fastest == arm.model.velocity[0]
+    assert apart(arm.target_q, goal) < 1e-4
+    violations = []
+    for _ in range(200):
+        arm.servo(HOME, 0.03, 300.0)
+        violations.append(arm.step())
+    assert SUDDEN_CHANGE in violations, "it is forgiven for a while only"
+
+
+def test_a_stream_at_top_speed_goes_on_when_nothing_is_forgiven_any_more(arm: Arm) -> None:
+    arm.forgive()
+    goal, speed = list(HOME), 0.0
+    for _ in range(round(1.2 * FORGIVING_SECONDS / DT)):
+        speed = min(0.9995 * arm.model.velocity[0], speed + 5.0 * DT)
+        goal[0] += speed * DT
+        arm.servo(goal, 0.03, 300.0)
+        assert arm.step() is None
 
 
 def test_steady_only_after_half_a_second_of_rest(arm: Arm) -> None:

@@ -61,6 +61,7 @@ def test_mass_matrix(name: str, q: list[float]) -> None:
     np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", MODELS)
 @settings(max_examples=10, deadline=None)
 @given(q=angles, qd=angles)
@@ -83,6 +84,7 @@ def test_gravity_torques(name: str, q: list[float]) -> None:
     np.testing.assert_allclose(ours, theirs, atol=1e-8)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", MODELS)
 @settings(max_examples=10, deadline=None)
 @given(q=angles, qd=angles)

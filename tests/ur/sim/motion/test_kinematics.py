@@ -40,6 +40,7 @@ def test_upright_arm_is_where_the_data_sheet_says(name: str, position: tuple[flo
     assert apart(pose[:3], position) < 1e-9
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", NAMES)
 def test_inverse_finds_the_joints_again(name: str) -> None:
     kinematics = Kinematics(MODELS[name])

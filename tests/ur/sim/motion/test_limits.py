@@ -15,6 +15,8 @@ from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 from rigs.ur_controller import Bench
 
 FAST = "movej([0.8, -1.2, 1.2, -1.57, -1.57, 0.5], v=2.5, a=10)"
+FAR = "while True:\n servoj([2, -1.57, 1.57, -1.57, -1.57, 0], lookahead_time=0.03)\nend"
+FROZEN = "movej([1, -1.57, 1.57, -1.57, -1.57, 0])"
 SWING = "while True:\n speedj([{}], 10, 0.01)\nend"
 
 
@@ -116,8 +118,7 @@ def test_a_joint_at_the_end_of_its_way(joint: int) -> None:
 
 
 def test_a_servo_target_that_is_too_far_away() -> None:
-    far = "while True:\n servoj([2, -1.57, 1.57, -1.57, -1.57, 0], lookahead_time=0.03)\nend"
-    assert stopped(Bench(), far) == (204, 1)
+    assert stopped(Bench(), FAR) == (204, 1)
 
 
 def test_a_speed_through_a_singularity() -> None:
@@ -146,6 +147,7 @@ OUT_OF_REACH = (
 )
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("target", OUT_OF_REACH)
 @pytest.mark.parametrize(
     "move",
@@ -172,6 +174,11 @@ def test_a_line_out_of_reach_is_a_warning_and_a_protective_stop(move: str, targe
     ("body", "code", "level"),
     [
         ("protective_stop()", 209, ReportLevel.WARNING),
+        ("movel(p[10, 0, 0, 0, 0, 0])", 154, ReportLevel.WARNING),
+        ("set_payload(1)\nmovel(p[0.4, 0, 0, 0, 3.1, 0], v=5, a=9)", 157, ReportLevel.WARNING),
+        ("movel(p[0.4, 0, 0, 0, 3.1, 0], v=5, a=9)", 158, ReportLevel.WARNING),
+        (FROZEN, 153, ReportLevel.WARNING),
+        (FAR, 204, ReportLevel.WARNING),
         (SWING.format("-3, 0, 0, 0, 0, 0"), 150, ReportLevel.WARNING),
         ("while True:\n direct_torque([20, 0, 0, 0, 0, 0])\nend", 191, ReportLevel.VIOLATION),
     ],
@@ -179,7 +186,11 @@ def test_a_line_out_of_reach_is_a_warning_and_a_protective_stop(move: str, targe
 def test_only_limits_of_the_safety_configuration_are_violations(
     body: str, code: int, level: ReportLevel
 ) -> None:
-    bench = Bench()
+    bench = Bench(limits=SafetyLimits(tool_force=20.0))
+    if code in (157, 158):
+        bench.controller.external_force([30.0, 0, 0, 0, 0, 0])
+    if body is FROZEN:
+        bench.controller.freeze_joint(0)
     stopped(bench, body)
     assert [(m.code, m.level) for m in bench.of_type(ErrorMessage)] == [(code, level)]
 

@@ -108,6 +108,7 @@ def test_a_time_that_cannot_be_kept_is_a_slower_move(model: str) -> None:
     assert bench["target_q"] == pytest.approx((1.57, -1.6, 1.6, -0.7, 0.7, 0.2))
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("how", ["a=1.4, v=1.04", "a=2.5, v=2.5", "a=1.4, v=1.04, t=0.1"])
 @pytest.mark.parametrize("model", ["ur5", "ur5e", "ur10e", "ur16e", "ur20", "ur30"])
 def test_a_line_is_as_fast_as_the_joints_can(model: str, how: str) -> None:
@@ -126,6 +127,15 @@ def test_so_are_lines_at_constant_speed(move: str) -> None:
     bench.run(START)
     body = "\n".join(move.format(target) for target in (FIRST, SECOND, FIRST))
     assert max(fastest_of(bench, f"{body}\nmovel({SECOND})")) <= 1.0 + 1e-6
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_so_is_a_circle(mode: int) -> None:
+    bench = Bench("ur20")
+    bench.run(f"{START}movel({FIRST})")
+    via = SECOND.replace("-0.203, 0.463", "-0.3, 0.363")
+    assert max(fastest_of(bench, f"movec({via}, {SECOND}, a=6, v=6, mode={mode})")) <= 1.0 + 1e-6
+    assert bench["target_TCP_pose"][:3] == pytest.approx((-0.203, 0.463, 0.559), abs=1e-6)
 
 
 def test_at_half_the_speed_a_move_is_planned_alike() -> None:

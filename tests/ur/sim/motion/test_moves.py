@@ -14,6 +14,7 @@ from crtk_sim_backends.ur.motion.kinematics import norm, to_transform
 from crtk_sim_backends.ur.motion.paths import Arc, Line, rounded
 from crtk_sim_backends.ur.motion.profiles import Profile, ramps, timed
 from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
+from rigs.examples import examples
 from rigs.ur_controller import Bench, apart
 
 GOAL = [0.3, -1.2, 1.4, -1.6, -1.5, 0.2]
@@ -121,6 +122,7 @@ MOVES = {
 }
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("first", MOVES)
 @pytest.mark.parametrize("second", MOVES)
 @pytest.mark.parametrize("model", ["ur5e", "ur5"])
@@ -300,7 +302,7 @@ def test_a_stop_within_a_blend_forgets_it(bench: Bench) -> None:
     assert apart_in_space(bench["actual_TCP_pose"], place(2)) < 1e-9
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(
     st.lists(
         st.tuples(

@@ -13,7 +13,7 @@ from crtk_sim_backends.ur.messages import RuntimeExceptionMessage
 from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 from rigs.ur_controller import Bench
 
-SLIDERS = [1.0, 0.5, 0.3, 0.1, 0.01]
+SLIDERS = [1.0, 0.5, 0.3, 0.1, pytest.param(0.01, marks=pytest.mark.slow)]
 SPLINE = """
   qd = [0, 0, 0, 0, 0, 0]
   time = 0

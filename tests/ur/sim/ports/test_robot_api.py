@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import http.client
+import io
 import json
+import zipfile
 
 import pytest
 
@@ -109,6 +111,59 @@ def test_a_program_is_loaded_played_paused_resumed_and_stopped(api):
         assert api.get("/program/v1/state") == {"state": state}
     status, content = api.ask("PUT", "/program/v1/state", action="pause")
     assert (status, "STOPPED" in content["message"]) == (409, True)
+
+
+PROGRAM = {
+    "application": {"urscript": {"script": "def nap(s):\n  sleep(s)\nend"}},
+    "program": {
+        "programInformation": {"name": "test upload", "programState": "FINAL"},
+        "urscript": {"script": '$ 1 "ur-program"\n$ 2 "ur-wait"\nnap(23)'},
+    },
+}
+"""What of a .urpx counts: names, and the scripts that PolyScope X has made of its trees."""
+
+
+def form(content):
+    """Body and content type as UR's client library sends a file."""
+    part = 'Content-Disposition: form-data; name="file"; filename="filename"'
+    body = f"--edge\r\n{part}\r\nContent-Type: text/plain\r\n\r\n{content}\n\r\n--edge--\r\n"
+    return body, {"Content-Type": "multipart/form-data; boundary=edge"}
+
+
+def send(api, method, content):
+    api.connection.request(method, f"{BASE}/programs/v1/", *form(content))
+    response = api.connection.getresponse()
+    return response.status, json.loads(response.read())
+
+
+def test_a_program_is_uploaded_updated_downloaded_and_played():
+    with spawn("10.12") as own, Api(own) as api:
+        uploaded = (200, {"programName": "test upload"})
+        assert send(api, "PUT", json.dumps(PROGRAM))[0] == 404
+        assert send(api, "POST", json.dumps(PROGRAM)) == uploaded
+        assert send(api, "POST", json.dumps(PROGRAM))[0] == 400  # exists
+        assert send(api, "PUT", json.dumps(PROGRAM)) == uploaded
+        assert api.get("/programs/v1/test%20upload") == PROGRAM
+        assert api.ask("GET", "/programs/v1/missing")[0] == 404
+        assert "test upload" in [p["name"] for p in api.get("/programs/v1")["programs"]]
+        assert api.ask("PUT", "/program/v1/loaded", name="test upload")[0] == 200
+        assert api.ask("PUT", "/program/v1/state", action="play")[0] == 200
+        assert api.get("/program/v1/state") == {"state": "PLAYING"}
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '{"program": {"urscript": {"script": ""}}}'])
+def test_what_is_no_program_is_not_taken(api, content):
+    status, answer = send(api, "POST", content)
+    assert status == 400
+    assert "the file is no" in answer["message"]
+    assert api.ask("POST", "/programs/v1", file="none")[0] == 400
+
+
+def test_support_files_are_made_and_fetched(api):
+    assert api.ask("POST", "/supportfiles/v1")[0] == 200
+    api.connection.request("GET", f"{BASE}/supportfiles/v1")
+    archive = api.connection.getresponse().read()
+    assert zipfile.ZipFile(io.BytesIO(archive)).namelist() == []
 
 
 def test_unlocking_a_protective_stop_waits_until_it_may_be():

@@ -345,6 +345,21 @@ def test_an_input_that_another_client_has_is_in_use_until_that_one_is_gone(sim):
         )
 
 
+def test_a_fieldbus_has_the_lower_registers_to_itself():
+    with SIM.spawn(fieldbus=True) as own, RtdeClient(own.host) as client:
+        lower = "input_int_register_0,input_double_register_23,input_bit_registers32_to_63"
+        assert client.setup_inputs(lower) == (0, ["IN_USE"] * 3)
+        upper = "input_int_register_24,input_double_register_47,input_bit_register_64"
+        assert client.setup_inputs(upper) == (1, ["INT32", "DOUBLE", "BOOL"])
+        for name, value, seen in (
+            ("input_int_register_0", -5.0, -5),
+            ("input_double_register_23", 0.5, 0.5),
+            ("input_bit_registers32_to_63", 2.0**32 - 1, 0xFFFFFFFF),
+        ):
+            own.control.inject("fieldbus_input", register=name, value=value)
+            wait_until(lambda name=name, seen=seen: own.control.outputs(name)[name] == seen)
+
+
 def test_configurable_inputs_have_bits_of_their_own(sim, client):
     sim.control.inject("digital_inputs", bits=0b11_10100000_00000001)
     client.setup_outputs("actual_configurable_digital_input_bits,control_step")

@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from crtk_sim_backends.ur import SIM
-from rigs.ur_clients import PrimaryClient
+from rigs.ur_clients import PATIENCE, PrimaryClient
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def sim():
 @pytest.fixture
 def server():
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        listener.settimeout(5)
+        listener.settimeout(PATIENCE)
         yield listener
 
 
@@ -34,7 +34,7 @@ def start(sim, server, *lines):
 
 def accept(server):
     peer, _ = server.accept()
-    peer.settimeout(5)
+    peer.settimeout(PATIENCE)
     return peer
 
 
@@ -117,11 +117,12 @@ def test_what_does_not_come_fails_after_its_timeout(sim, server, call, result):
 def test_bytes_that_come_are_returned_though_others_do_not(sim, server, closed):
     """Robotiq's URCap reads three digits of a number that may have one, and looks how many there are."""
     lines = (
+        'socket_read_byte_list(1, "s", 20)',  # or its time begins before they are sent
         'textmsg(socket_read_byte_list(3, "s", 0.3))',
         'textmsg(socket_read_byte_list(3, "s", 0.1))',
     )
     with start(sim, server, *lines) as primary, accept(server) as peer:
-        peer.sendall(b"42")
+        peer.sendall(b"!42")
         if closed:
             peer.shutdown(socket.SHUT_WR)
         assert primary.message(0) == b"open True"

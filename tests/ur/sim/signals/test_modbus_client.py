@@ -11,7 +11,7 @@ from crtk_sim_backends.ur import SIM
 from rigs.ur_clients import PrimaryClient, TcpClient, wait_until
 
 LONG = 20.0
-READS, WRITES = (1, 2, 3, 4), (5, 6, 15, 16)
+READS, WRITES = (1, 2, 3, 4), (5, 6, 15, 16, 23)
 COUNTER = "output_int_register_9"
 
 
@@ -59,6 +59,10 @@ class Unit:
         if function in (3, 4):
             words = self.words[first : first + count]
             return bytes([function, 2 * count]) + struct.pack(f">{count}H", *words)
+        if function == 23:
+            into, number = struct.unpack_from(">HH", data, 4)
+            self.words[into : into + number] = struct.unpack_from(f">{number}H", data, 9)
+            return self._answer(3, data[:4]).replace(b"\x03", b"\x17", 1)
         if function == 6:
             self.words[first] = count
         elif function == 15:
@@ -131,7 +135,8 @@ def test_register_inputs_are_read_all_the_time(sim, unit):
     )
     assert unit.requests[0] == (7, 4, struct.pack(">HH", 5, 1))
     unit.words[5] = 77
-    wait_until(lambda: len(unit.requests) > 10, LONG)
+    seen = len(unit.requests)
+    wait_until(lambda: len(unit.requests) > seen + 4, LONG)
     run(sim, read.format(0, "one").replace("'", '"'))
     assert output(sim, "output_int_register_0") == 77
 
@@ -173,6 +178,22 @@ def test_a_short_list_leaves_the_other_registers(sim, unit):
         + 'modbus_set_output_register("list", [8, 9])',
     )
     wait_until(lambda: unit.words[10:13] == [8, 9, 3], LONG)
+
+
+def test_a_signal_that_reads_and_writes(sim, unit):
+    unit.words[5:8] = [1, 2, 3]
+    where = f'"127.0.0.1:{unit.port}", 7'
+    tell = "write_output_integer_register({}, a[{}])\n"
+    read = 'a = modbus_get_signal_status("both")\n' + "".join(tell.format(i, i) for i in range(3))
+    run(sim, f'modbus_add_rw_signal({where}, 5, 3, 7, 2, "both")\n' + read)
+    assert [output(sim, f"output_int_register_{i}") for i in range(3)] == [1, 2, 3]
+    assert {function for _, function, _ in unit.requests} == {3}
+    run(sim, 'modbus_set_output_register("both", [30])')
+    wait_until(lambda: unit.words[5:9] == [1, 2, 30, 0], LONG)  # the ranges overlap
+    run(sim, 'modbus_set_output_register("both", [31, 32])')
+    wait_until(lambda: unit.words[7:9] == [31, 32], LONG)
+    run(sim, f"{read}while a[2] != 31:\n  sync()\n  {read}end")
+    assert unit.requests[-1] == (7, 23, struct.pack(">HHHHBHH", 5, 3, 7, 2, 4, 31, 32))
 
 
 def test_a_signal_without_frequency_is_read_on_demand(sim, unit):
@@ -255,7 +276,7 @@ def test_a_connection_can_be_reset(sim, unit):
     run(sim, add(unit, "reset", 2) + 'x = modbus_get_signal_status("reset")')
     assert len(unit._peers) == 1
     run(sim, f'modbus_reset_connection("127.0.0.1:{unit.port}")')
-    assert len(unit._peers) == 2
+    wait_until(lambda: len(unit._peers) == 2, LONG)
 
 
 def test_an_output_follows_the_program(sim, unit):
@@ -314,6 +335,10 @@ def test_it_can_talk_to_its_own_server(sim):
         'modbus_add_signal("127.0.0.1", 255, 0, 0, "")',
         'modbus_add_signal("127.0.0.1", 255, 0, 0, "a name with more than 20 letters")',
         'modbus_add_signal("127.0.0.1", 255, 0, 0, "x", False, 124)',
+        'modbus_add_signal("127.0.0.1", 255, 0, 23, "x")',
+        'modbus_add_rw_signal("127.0.0.1", 255, 0, 124, 0, 1, "x")',
+        'modbus_add_rw_signal("127.0.0.1", 255, 0, 1, 0, 122, "x")',
+        'modbus_add_rw_signal("127.0.0.1", 255, 0, 1, 70000, 1, "x")',
         'modbus_get_signal_status("nobody")',
         'modbus_set_output_register("input", 1)',
         'modbus_set_output_signal("register", True)',

@@ -16,6 +16,7 @@ from crtk_sim_backends.ur.program.script_rpc import ScriptRpc
 from crtk_sim_backends.ur.program.script_sockets import ScriptSockets
 from crtk_sim_backends.ur.urscript import Builtin
 from crtk_sim_backends.ur.urscript.manual import NAMES, SINCE, available, dialect_of
+from rigs.examples import examples
 from rigs.ur_controller import Bench
 
 
@@ -141,7 +142,7 @@ def network(controller: Controller) -> Iterator[Builtin]:
 
 
 @given(st.data())
-@settings(max_examples=400)
+@settings(max_examples=examples(400))
 def test_any_function_takes_any_arguments_or_says_what_is_wrong(data: st.DataObject) -> None:
     bench = Bench(extra_builtins=network)
     name = data.draw(
@@ -244,6 +245,75 @@ def test_a_function_that_is_not_simulated_is_refused_by_name() -> None:
     bench.start("powerdown()")
     (error,) = bench.of_type(RuntimeExceptionMessage)
     assert error.text.startswith("compile_error_name_not_found:powerdown: (a function that is not")
+
+
+# Functions that few programs use
+
+
+def test_the_simulated_arm_can_be_put_somewhere() -> None:
+    bench = Bench()
+    bench.run(
+        "set_pos([0.5, -1.2, 1.2, -1.57, -1.57, 0])\nmovej([0.6, -1.2, 1.2, -1.57, -1.57, 0])"
+    )
+    assert bench["target_q"] == (0.6, -1.2, 1.2, -1.57, -1.57, 0.0)
+    bench.start("set_pos([7, 0, 0, 0, 0, 0])\nsync()")
+    bench.ticks(4)
+    assert "range" in bench.of_type(RuntimeExceptionMessage)[-1].text
+
+
+def test_screw_driving_presses_along_the_tool_and_follows() -> None:
+    bench = Bench()
+    before = bench["target_TCP_pose"]
+    bench.start("screw_driving(20, 0.05)\nsleep(1)\nend_screw_driving()\nsleep(1)")
+    bench.seconds(1.0)
+    after = bench["target_TCP_pose"]
+    assert before[2] - after[2] == pytest.approx(0.05, abs=5e-3)  # the tool points down
+    assert after[:2] == pytest.approx(before[:2], abs=1e-4)
+    bench.seconds(0.5)
+    assert bench["target_qd"] == (0.0,) * 6
+
+
+def test_euromap_signals_are_set_read_and_follow_the_program() -> None:
+    bench = Bench()
+    bench.run(
+        "set_euromap_output(5, True)\nset_euromap_runstate_dependent_choice(6, 3)\nsync()\n"
+        "write_output_boolean_register(0, get_euromap_output(5))\n"
+        "write_output_boolean_register(1, get_euromap_input(5))\n"
+        "write_output_boolean_register(2, get_euromap_output(6))"
+    )
+    assert bench["output_bit_registers0_to_31"] & 7 == 0b101
+    bench.ticks(1)
+    assert bench["euromap67_output_bits"] == 1 << 5
+
+
+@pytest.mark.parametrize(("argument", "state"), [("", "PAUSED"), (", 4", "PAUSED"), (", 9", "")])
+def test_an_error_can_pause_the_program(argument: str, state: str) -> None:
+    bench = Bench()
+    bench.start(
+        f"pause_on_error_code(171{argument})\n"
+        "movej([0.02, -1.57, 1.57, -1.57, -1.57, 0], r=0.05)\n"
+        "movej([0.03, -1.57, 1.57, -1.57, -1.57, 0], r=0.05)\n"
+        "movej([0.5, -1.57, 1.57, -1.57, -1.57, 0])\nsync()"
+    )
+    bench.seconds(3.0)
+    assert (bench.controller.runtime_state.name == "PAUSED") is bool(state)
+    bench.controller.play()
+    bench.seconds(3.0)
+    assert bench["target_q"][0] == 0.5
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        "reset_revolution_counter()",
+        "set_baselight_off()\nset_baselight_iec()\nset_baselight_solid(0, 128, 255)",
+        "freedrive_mode_no_incorrect_payload_check()\nend_freedrive_mode()",
+    ],
+)
+def test_what_has_no_effect_here_is_taken(call: str) -> None:
+    bench = Bench("ur20")
+    bench.run(call)
+    assert not bench.of_type(RuntimeExceptionMessage)
 
 
 # Programs

@@ -24,8 +24,8 @@ class TestMyGripper(DeviceContract):
 
     @pytest.fixture
     def session(self) -> Session:
-        """A gripper at its simulator."""
-        return open_session("my_gripper", MyGripperConfig(), sim=True)
+        """A gripper at its simulator. That a busy machine lets it wait is no fault."""
+        return open_session("my_gripper", MyGripperConfig(sample_timeout=2.0), sim=True)
 
     def break_link(self, session: Session) -> None:
         """The adapter is unplugged."""
@@ -37,9 +37,14 @@ class TestMyGripper(DeviceContract):
 
     def test_what_is_held_is_told(self, enabled: LocalDevice, session: Session) -> None:
         """The fingers close on it."""
-        control(session).inject("thing", width=0.03)
+        control(session).inject("object", width=0.03)
         enabled.move_jp([0.029])
         self.until(enabled.state.holds, "tell that it holds something")
+        enabled.hold()
+        enabled.disable()
+        assert enabled.state.holds(), "what it holds is never let go by itself"
+        control(session).inject("object_lost")
+        self.until(lambda: enabled.state.grip() == "object lost", "tell that it is gone")
 
     def test_a_gripper_that_falls_silent_is_lost(
         self, enabled: LocalDevice, session: Session

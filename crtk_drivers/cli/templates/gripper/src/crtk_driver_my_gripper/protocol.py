@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from crtk_drivers.kit import LineDecoder
 
-ASK, POWER_ON, POWER_OFF, STOP = b"?\n", b"ON\n", b"OFF\n", b"S\n"
+ASK, POWER_ON, STOP = b"?\n", b"ON\n", b"S\n"
 
 
 @dataclass(frozen=True, slots=True)

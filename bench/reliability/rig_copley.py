@@ -1,0 +1,110 @@
+"""Copley: three simulated drives at one line, by points."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from typing_extensions import override
+
+from bench.reliability.activities import Plan
+from bench.reliability.common import of_part, outlived, own_process, passing
+from bench.reliability.rig import HELD_UP, Rig
+from bench.reliability.table import REST, Absent, Follows, Way
+from crtk_driver_copley import PLUGIN
+from crtk_driver_copley.plugin import TYPICAL
+from crtk_sim_backends.copley import SIM
+
+SAMPLES = 0.5
+"""`sample_timeout` of tests, s."""
+STOP = 0.7
+LEAD, PERIOD = 6, 0.04
+BUFFER = LEAD * PERIOD
+"""Seconds that drives go on for by themselves."""
+TOLD = 0.4
+"""Seconds in which a fault is told: it is believed when it is told twice."""
+STUCK = 1.25
+"""Seconds as `common.STALL`, with periods of 60 ms: what the line carries of three axes."""
+TURN = 100_000 / (2.0 * math.pi)
+
+_MOVING = ("servo_jp", "servo_jv", "interpolate_jp", "interpolate_jv", "move_jp")
+
+
+def _drive(name: str, kind: str, detail: str, **more: object) -> Way:
+    return of_part("F12", name, kind, detail, within=TOLD, stop=STOP, **more)
+
+
+WAYS = (
+    Way("F2", "the line is silent", kind="silence", parameters={"port": "serial"}, within=SAMPLES,
+        stands=SAMPLES + BUFFER + STOP),
+    Way("F3", "nobody answers", Follows.STARTS_LATER, "silence", {"port": "serial"}, within=10.0),
+    passing("F5", "a byte of every 31st answer is changed", "corrupt", every=31),
+    passing("F5", "a byte of every 31st command is changed", "garbled", every=31),
+    passing("F5", "every 37th answer ends in the middle", "half_line", every=37),
+    passing("F5", "noise before every 13th answer", "garbage", every=13),
+    passing("F6", "every 37th command is not heard", "lost", every=37),
+    Way("F6", "a drive behind the first one is gone", kind="node_gone", parameters={"node": 1},
+        detail="e 32", within=SAMPLES, stands=SAMPLES + BUFFER + STOP),
+    Way("F7", "unplugged, and another tty later", kind="disconnect", parameters={"port": "serial"},
+        detail="the adapter is gone", within=0.2, stands=BUFFER + STOP),
+    passing("F8", "every 37th answer is lost", "mute", every=37),
+    passing("F8", "every 11th answer comes twice", "doubled", every=11),
+    Way("F11", "the first drive starts anew", kind="reset", within=SAMPLES + TOLD,
+        stands=SAMPLES + BUFFER + STOP),
+    Way("F11", "a drive behind it starts anew", kind="reset", parameters={"node": 1},
+        within=TOLD, stands=TOLD + STOP, activities=_MOVING),
+    _drive("its encoder", "latch", "joint_2: encoder error", node=1, bit=7),
+    _drive("over-temperature", "latch", "joint_1: drive too hot", node=0, bit=3),
+    _drive("under-voltage", "status", "joint_1: under-voltage", bits=1 << 3),
+    _drive("its enable input", "input_off", "joint_3: its enable input is off", node=2),
+    Way("F14", "another program stops an axis", kind="foreign_stop", within=SAMPLES,
+        stands=SAMPLES + STOP, activities=_MOVING),
+    *own_process(stop=STOP + BUFFER, stream=0.3, stuck=STUCK),
+    *outlived(stands=BUFFER + STOP, activities=_MOVING),
+    Way("F20", "a second driver at the port", Follows.KEPT_OUT, detail="in use"),
+)  # fmt: skip
+
+ABSENT = (
+    Absent("F1", "a serial line has no connection; an adapter that goes is F7"),
+    Absent("F4", "lines end with a carriage return, however they are cut: tests/copley/unit"),
+    Absent("F9", "no sensor; a drive that starts anew is F11"),
+    Absent("F10", "no CAN but behind the first drive, F6"),
+    Absent("F13", "a safety input is F12"),
+)
+
+
+class CopleyRig(Rig):
+    """The arm."""
+
+    name = "copley"
+    plugin = PLUGIN
+    simulator = SIM
+    ways = WAYS
+    absent = ABSENT
+    plan = Plan(velocity=0.5, far=2.0, room=0.3)
+    activities = (REST, *_MOVING)
+    belated = TOLD
+    values = {  # noqa: RUF012
+        **TYPICAL,
+        "sample_timeout": SAMPLES + HELD_UP,
+        "reply_timeout": 0.05,
+        "pvt_lead": LEAD,
+        "pvt_period": PERIOD,
+        "open_timeout": 5.0,
+        "stream_timeout": 0.3,
+        "limits": {"max_step": 0.3},  # cycles of 20 ms, and a pause of 50 ms
+    }
+
+    @override
+    def joints(self) -> np.ndarray:
+        assert self.sim is not None
+        return np.array(self.sim.control.status()["position"]) / TURN
+
+    @override
+    def powered(self) -> bool:
+        assert self.sim is not None
+        return any(self.sim.control.status()["on"])
+
+    @override
+    def home(self) -> np.ndarray:
+        return np.zeros(3)

@@ -1,0 +1,1 @@
+"""What drivers of sensors that stream have in common: datagrams, numbers that count them, filters, loads."""

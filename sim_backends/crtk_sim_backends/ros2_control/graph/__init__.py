@@ -1,0 +1,1 @@
+"""The simulated robot's side of ROS: the only part of the simulators that imports it."""

@@ -1,0 +1,21 @@
+"""A bias in software that is being measured when somebody breaks that off."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from crtk_drivers.kit.software_bias import SoftwareBias
+
+
+def test_one_that_is_broken_off_leaves_the_bias_as_it_was() -> None:
+    before = np.arange(6.0)
+    bias = SoftwareBias(before, np.full(6, 100.0), "ft_sensor", "a sensor")
+    steps = bias.measure()
+    next(steps)
+    loads, begin = np.full((2, 6), 50.0), time.monotonic()
+    bias.take_off(loads, np.array((begin + 0.1, begin + 60.0)))
+    next(steps)  # it is checked now
+    steps.close()
+    assert (bias.load == before).all()

@@ -1,0 +1,47 @@
+"""The driver keeps the contract of every device, on each way to the gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+pytest.register_assert_rewrite("crtk_drivers.testing.contract")
+
+from crtk_driver_schunk.gripper import PLUGIN  # noqa: E402
+from crtk_drivers.session import Session  # noqa: E402
+from crtk_drivers.testing.contract import DeviceContract  # noqa: E402
+from crtk_sim_backends.schunk.gripper import SIM, RunningSim  # noqa: E402
+from rigs.schunk_bench import BRISK, FREE_PORTS, LINKS, configuration  # noqa: E402
+from rigs.waiting import LONG  # noqa: E402
+
+pytestmark = pytest.mark.sweep(4)
+
+
+@pytest.fixture(scope="module", params=LINKS)
+def simulated(request: pytest.FixtureRequest) -> Iterator[tuple[str, RunningSim]]:
+    """A simulated gripper and the way to it; one for all tests."""
+    with SIM.spawn(**FREE_PORTS, **BRISK) as sim:
+        yield request.param, sim
+
+
+class TestSchunk(DeviceContract):
+    """Everything that any device must do."""
+
+    timeout = LONG
+    reach = 0.2
+
+    @pytest.fixture
+    def session(self, simulated: tuple[str, RunningSim]) -> Iterator[Session]:
+        """Its driver."""
+        link, self.sim = simulated
+        yield Session(PLUGIN, configuration(self.sim, link=link))
+        self.sim.control.clear()
+
+    def break_link(self, session: Session) -> None:
+        """The cable is pulled out."""
+        self.sim.control.inject("disconnect")
+
+    def mend_link(self, session: Session) -> None:
+        """It is plugged in again."""
+        self.sim.control.clear()
