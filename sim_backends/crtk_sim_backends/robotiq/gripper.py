@@ -159,7 +159,8 @@ class Gripper:
         self.writes += 1
         action = self.written[0]
         if not action & ACT:
-            self._state, self._sweep, self._object, self.current = RESET, [], MOVING, 0.0
+            self._state, self._sweep, self.current = RESET, [], 0.0
+            self._object = self._told = MOVING  # a reset gripper reports no grip of before
             self._fault = NOT_ACTIVE if action & GTO else 0
         elif not before[0] & ACT:
             self._state, self._sweep = ACTIVATING, [self.model.stroke, 0.0, self.model.stroke]
