@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from unittest.mock import patch
 from zlib import crc32
 
@@ -27,7 +28,7 @@ from crtk_drivers.front import base
 from crtk_drivers.kit import child_process
 from crtk_drivers.ros import environment
 from crtk_sim_backends import process
-from rigs import examples, programs, scheduling, warm_start
+from rigs import examples, failures, programs, scheduling, warm_start
 from rigs.proof_table import proof_table
 
 # What a shell may hold that changes how ROS 2 talks, or with whom.
@@ -204,15 +205,28 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 AFTER_ITS_TIME = 60.0
 """Seconds past its time after which a test ends with its worker: it hangs in a library or its teardown."""
 
-STDERR = pytest.StashKey[int]()
+STACKS = pytest.StashKey[int]()
+"""Descriptor to which a worker writes the stacks of its threads when a test hangs."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option by which CI learns what failed."""
+    parser.addoption("--failures", metavar="FILE", help="write what failed to a JSON file")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep a file for the stacks of a test that hangs: what it writes itself is captured.
+    """Keep a file for the stacks of a test that hangs; where no other process does, keep what failed.
 
     Where the slow tests are left out, so are most examples of each property: they are for the night, too.
     """
-    config.stash[STDERR] = os.dup(2)
+    given = getattr(config, "workerinput", None)
+    if given is None:
+        stderr = os.dup(2)  # what a test writes there itself is captured
+        file = config.option.failures
+        config.pluginmanager.register(failures.Failures(stderr, Path(file) if file else None))
+    else:
+        stacks = failures.stacks_of(given, WORKER)
+        config.stash[STACKS] = os.open(stacks, os.O_WRONLY | os.O_CREAT)
     if config.option.markexpr == NO_SLOW_ONES:
         settings.register_profile("quick", settings.default, max_examples=examples.QUICK)
         settings.load_profile("quick")
@@ -226,7 +240,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     marker = item.get_closest_marker("timeout")
     limit = marker.args[0] if marker else float(item.config.getini("timeout"))
     faulthandler.dump_traceback_later(
-        limit + AFTER_ITS_TIME, file=item.config.stash[STDERR], exit=True
+        limit + AFTER_ITS_TIME, file=item.config.stash[STACKS], exit=True
     )
     try:
         return (yield)

@@ -1,9 +1,8 @@
 """How tests are run: a failure is told, whenever it comes."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
+
+from rigs.inner_pytest import run_pytest
 
 FAILS_IN_ITS_LAST_SECOND = """
 import signal, sys, time, types
@@ -47,40 +46,15 @@ def test_another():
 """
 
 
-def run(folder: Path, source: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    test = folder / "test_it.py"
-    test.write_text(source)
-    return subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-p",
-            "conftest",
-            "-c",
-            os.devnull,
-            *arguments,
-            str(test),
-        ],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=200,
-    )
-
-
 def test_a_failure_is_told_though_the_time_of_its_test_ends_meanwhile(tmp_path: Path) -> None:
-    done = run(tmp_path, FAILS_IN_ITS_LAST_SECOND)
+    done = run_pytest(tmp_path, FAILS_IN_ITS_LAST_SECOND)
     assert "1 failed" in done.stdout, done.stdout + done.stderr
     assert "ValueError" in done.stdout
     assert "INTERNALERROR" not in done.stdout
 
 
 def test_what_hangs_inside_a_library_is_ended_and_told(tmp_path: Path) -> None:
-    done = run(tmp_path, HANGS_WHERE_NO_SIGNAL_REACHES_IT, "--numprocesses=1")
+    done = run_pytest(tmp_path, HANGS_WHERE_NO_SIGNAL_REACHES_IT, "--numprocesses=1")
     assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
     assert "crashed while running 'test_it.py::test_it'" in done.stdout
     assert "threading.py" in done.stderr, "where it was"

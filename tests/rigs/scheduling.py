@@ -38,6 +38,7 @@ PIECE = 15.0
 """Seconds that the tests take, about, that a worker gets at a time: they share the fixtures of a module."""
 
 COMPUTING = {
+    "ci": 4.0,
     "cli": 0.3,
     "core": 0.1,
     "docs": 1.5,
