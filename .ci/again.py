@@ -1,4 +1,4 @@
-"""Run each test that failed again, alone: a broken promise fails then too, a busy machine's test does not.
+"""Run again, alone, each test that failed: a broken promise fails alone too, a busy machine's test passes.
 
     python .ci/again.py FAILURES UNSTEADY
 

@@ -6,7 +6,7 @@ patience=${patience:-1} # how many times as long as on a machine of its own a st
 passed=0
 failed=0
 unsteady=0
-unsteady_tests=$work/unsteady # two lines for each of these
+unsteady_tests=$work/unsteady # a file with two lines for each unsteady test
 
 fail() {
   printf '\nFAILED: %s\n' "$1"
@@ -14,7 +14,7 @@ fail() {
   exit 1
 }
 
-# totals: print how many tests passed, failed and were unsteady, and the last ones by name.
+# totals: print how many tests passed, failed and were unsteady, and name the unsteady ones.
 totals() {
   printf '%s passed, %s failed, %s unsteady\n' "$passed" "$failed" "$unsteady"
   if [[ -s $unsteady_tests ]]; then cat "$unsteady_tests"; fi
@@ -74,7 +74,8 @@ count_tests() {
   failed=$((failed + $(grep -oE '[0-9]+ (failed|error)' <<<"$summary" | cut -d' ' -f1 | paste -sd+ || echo 0)))
 }
 
-# again FILE: run alone, three times, each test that failed; end the run unless all pass. pytest wrote FILE.
+# again FILE: run alone, three times, each test that failed, and end the run unless all pass. `pytest --failures`
+# wrote FILE.
 again() {
   attempt "What failed, again and alone" 1800 "$uv" run --group test python .ci/again.py "$1" "$unsteady_tests"
   unsteady=$(grep -c '^unsteady' "$unsteady_tests" || true)

@@ -215,7 +215,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep a file for the stacks of a test that hangs; where no other process does, keep what failed.
+    """In a worker, open the file for the stacks of a test that hangs; elsewhere, collect what fails.
 
     Where the slow tests are left out, so are most examples of each property: they are for the night, too.
     """

@@ -41,7 +41,7 @@ class Failure:
 
     Attributes:
         test: its node id.
-        how: it failed.
+        how: whether it failed by itself, hung, or lost its worker.
         said: the first line of the error.
         waited: share of its time (0 to 1) in which some program waited for a processor.
     """
@@ -53,7 +53,7 @@ class Failure:
 
 
 class Failures:
-    """A plugin of the process that hands out the tests.
+    """Collect the failures of a run: a plugin of the process that hands out the tests.
 
     Args:
         stderr: descriptor to which the stacks of a test that hung are written.
