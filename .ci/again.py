@@ -4,7 +4,7 @@
 
 FAILURES is the file that `pytest --failures FAILURES` wrote. Each of its tests runs up to three times, in a
 process of its own with nothing beside it, until it fails once. A test that passes three times is unsteady: it
-gets two lines in the file UNSTEADY.
+gets three lines in the file UNSTEADY, of which the last says what to write into tests/UNSTEADY.md.
 
 Exit code 0: all tests are unsteady. Exit code 1: at least one fails alone. It is 1 too, and no test runs,
 where more than 20 tests failed or a worker died by itself: no second try explains that.
@@ -18,9 +18,12 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
+from datetime import date
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+
+import ledger
 
 AT_MOST = 20
 """Failures that are looked at one by one."""
@@ -77,6 +80,7 @@ def main() -> None:
     unsteady.touch()
     if reason := why_not_again(failures):
         sys.exit(reason)
+    known = ledger.read(ledger.LEDGER.read_text())
     alone: list[str] = []
     with tempfile.TemporaryDirectory() as folder, unsteady.open("a") as file:
         log = Path(folder, "try.log")
@@ -93,7 +97,9 @@ def main() -> None:
             result = f"unsteady, passes alone {TRIES} of {TRIES} times ({seconds:.0f} s)"
             print(f"{result}: {test}", flush=True)
             busy = f"programs waited for a processor for {failure['waited']:.0%} of its time"
+            sighting = f"{date.today()}, load {failure['load']:.0f}, waited {failure['waited']:.0%}"
             file.write(f"unsteady: {test}\n    {failure['how']}, while {busy}: {failure['said']}\n")
+            file.write(f"    {ledger.advice(test, sighting, known)}\n")
     print(f"{len(alone)} of {len(failures)} fail alone{': ' if alone else ''}{', '.join(alone)}")
     sys.exit(bool(alone))
 

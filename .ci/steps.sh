@@ -6,7 +6,7 @@ patience=${patience:-1} # how many times as long as on a machine of its own a st
 passed=0
 failed=0
 unsteady=0
-unsteady_tests=$work/unsteady # a file with two lines for each unsteady test
+unsteady_tests=$work/unsteady # a file with three lines for each unsteady test
 
 fail() {
   printf '\nFAILED: %s\n' "$1"

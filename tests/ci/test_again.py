@@ -120,10 +120,15 @@ def test_three_passes_alone_are_unsteady(tmp_path: Path) -> None:
     outcome = run_again(tmp_path, in_runs(1))
     assert outcome.code == 0, outcome.printed
     assert "passes alone 3 of 3 times" in outcome.printed
-    first, second = outcome.unsteady.splitlines()
+    first, second, third = outcome.unsteady.splitlines()
     assert first == "unsteady: test_it.py::test_it"
     assert second.strip().startswith("failed, while programs waited for a processor for ")
     assert second.endswith(": AssertionError: run 1")
+    assert re.fullmatch(
+        r" +add to tests/UNSTEADY.md: \| `test_it.py::test_it` "
+        r"\| 20\d\d-\d\d-\d\d, load \d+, waited \d+% \| open \| \|",
+        third,
+    )
     assert (tmp_path / "runs").read_text() == "5", "one run with others, three alone"
 
 
@@ -181,6 +186,7 @@ def test_the_failures_are_in_the_file(tmp_path: Path) -> None:
     run_pytest(tmp_path, in_runs(1), "--numprocesses=0", "--failures=failures.json")
     (failure,) = json.loads((tmp_path / "failures.json").read_text())
     assert failure.pop("waited") >= 0.0
+    assert failure.pop("load") >= 0.0
     assert failure == {
         "test": "test_it.py::test_it",
         "how": "failed",

@@ -44,12 +44,14 @@ class Failure:
         how: whether it failed by itself, hung, or lost its worker.
         said: the first line of the error.
         waited: share of its time (0 to 1) in which some program waited for a processor.
+        load: average number of programs that ran or wanted to, in the last minute.
     """
 
     test: str
     how: How
     said: str
     waited: float
+    load: float
 
 
 class Failures:
@@ -77,7 +79,11 @@ class Failures:
         if report.failed and report.nodeid not in self._failures:
             pressure = self._tests.get(report.nodeid, self._run)
             self._failures[report.nodeid] = Failure(
-                report.nodeid, self._how(report), said(report), pressure.share
+                report.nodeid,
+                self._how(report),
+                said(report),
+                waited=pressure.share,
+                load=os.getloadavg()[0],
             )
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
