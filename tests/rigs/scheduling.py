@@ -25,7 +25,7 @@ from xdist.workermanage import WorkerController
 
 from rigs import warm_start
 
-WAITING_A_CORE = 2.0
+WAITING_A_CORE = 1.5
 """Workers that wait, for the most part: one takes a third of a core, with its simulators."""
 
 COMPUTING_A_CORE = 0.5
