@@ -8,6 +8,7 @@ import faulthandler
 import gc
 import ipaddress
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Generator, Iterable, Iterator
@@ -60,6 +61,10 @@ FIRST = os.getppid() if WORKER else os.getpid()
 os.environ["ROS_DOMAIN_ID"] = str(1 + (FIRST + int(WORKER.removeprefix("gw") or 0)) % 101)
 # Without it an int in a float64 field is published as another number.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+
+# A script's shell ignores Ctrl-C in what it starts in the background; programs that tests start inherit that.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Black boxes of drivers that tests start.
 os.environ.setdefault("XDG_STATE_HOME", tempfile.mkdtemp(prefix="crtk_tests_"))

@@ -21,6 +21,7 @@ from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.examples import examples
 from rigs.extreme_values import IN_REAL_TIME, values_of
+from rigs.waiting import LONG
 
 PATIENT: dict[str, Any] = {"sample_timeout": 10.0, "limits": {"following_error": 10.0}}
 """No cycle comes while a test computes, and this machine does other things too."""
@@ -45,7 +46,7 @@ class Hand:
             move(goal)
 
         device.write, device.move = written, moved  # type: ignore[method-assign]
-        engine.connect(time.monotonic() + 5.0)
+        engine.connect(time.monotonic() + LONG)
         self.cycle()
         self.enable()
 
@@ -56,7 +57,7 @@ class Hand:
 
     def enable(self) -> None:
         self.engine.state_command("enable")
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + LONG
         while self.engine.status.state is not OperatingState.ENABLED:
             assert time.monotonic() < deadline, self.engine.status
             self.cycle()

@@ -13,7 +13,8 @@ import can
 import pytest
 
 from crtk_sim_backends.can import SIM
-from rigs.can_hub_doors import DOORS, WAIT, frame, ids, listening, open_bus, receive, until
+from rigs.can_hub_doors import DOORS, frame, ids, listening, open_bus, receive, until
+from rigs.waiting import LONG
 
 FRAMES = [
     frame(0x000, b""),
@@ -50,7 +51,7 @@ def at(sim):
 def test_frames_pass_from_every_door_to_every_door(at, sender, to):
     one, other = at(sender), at(to)
     for message in FRAMES:
-        one.send(message, timeout=WAIT)
+        one.send(message, timeout=LONG)
     for sent, got in zip(FRAMES, receive(other, len(FRAMES)), strict=True):
         assert got.equals(sent, timestamp_delta=None, check_channel=False)
     assert one.recv(0.02) is None, "a frame returned to its sender"
@@ -60,7 +61,7 @@ def test_frames_pass_from_every_door_to_every_door(at, sender, to):
 def test_remote_frames_pass_where_the_protocol_has_them(at, sender, to):
     one, other = at(sender), at(to)
     for can_id in (0x123, 0x1234567):
-        one.send(frame(can_id, None, is_remote_frame=True, dlc=4), timeout=WAIT)
+        one.send(frame(can_id, None, is_remote_frame=True, dlc=4), timeout=LONG)
         (got,) = receive(other)
         assert (got.arbitration_id, got.is_remote_frame, got.dlc) == (can_id, True, 4)
 
@@ -94,7 +95,7 @@ def test_the_file_descriptor_is_readable_exactly_while_a_frame_waits(at):
     for can_id in (1, 2, 3):
         one.send(frame(can_id))
     for can_id in (1, 2, 3):
-        assert select.select([other.fileno()], [], [], WAIT)[0]
+        assert select.select([other.fileno()], [], [], LONG)[0]
         assert other.recv(0.0).arbitration_id == can_id
     assert select.select([other.fileno()], [], [], 0.0)[0] == []
 
@@ -112,7 +113,7 @@ def test_a_notifier_and_periodic_tasks_work(at):
     reader = can.BufferedReader()
     notifier = can.Notifier(other, [reader])
     task = one.send_periodic(frame(0x80, b""), period=0.01)
-    got = [reader.get_message(WAIT) for _ in range(3)]
+    got = [reader.get_message(LONG) for _ in range(3)]
     task.stop()
     notifier.stop()
     assert ids(got) == [0x80] * 3
@@ -128,7 +129,7 @@ def test_a_notifier_works_in_an_event_loop(at):
         try:
             for number in range(20):
                 one.send(frame(number))
-            return [await asyncio.wait_for(reader.get_message(), WAIT) for _ in range(20)]
+            return [await asyncio.wait_for(reader.get_message(), LONG) for _ in range(20)]
         finally:
             notifier.stop()
 
@@ -158,7 +159,7 @@ def test_a_plain_socket_needs_no_library(sim, at):
     bus = at("crtk")
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as plain:
         plain.connect(sim.paths["crtk"])
-        plain.settimeout(WAIT)
+        plain.settimeout(LONG)
         head = bytes.fromhex("23010000 02 000000")
         plain.send(head + b"ab" + bytes(6) + head + b"cd" + bytes(6))
         assert [bytes(message.data) for message in receive(bus, 2)] == [b"ab", b"cd"]
@@ -174,12 +175,12 @@ def test_a_bus_is_readable_as_long_as_frames_of_one_packet_are_left(sim, at):
     ):
         for each in (plain, other):
             each.connect(sim.paths["crtk"])
-            each.settimeout(WAIT)
+            each.settimeout(LONG)
         until(lambda: listening(sim, "crtk") == 3)
         one = bytes.fromhex("23010000 01 000000") + bytes(8)
         plain.send(one * 256)
         for _ in range(256):
-            assert select.select([bus], [], [], WAIT)[0]
+            assert select.select([bus], [], [], LONG)[0]
             assert bus.recv(0.0) is not None
             assert other.recv(4096) == one  # who has not asked for more gets one frame a packet
         assert not select.select([bus], [], [], 0.0)[0]
@@ -192,7 +193,7 @@ def test_threads_that_receive_at_one_bus_share_its_frames(at):
         found = [pool.submit(receive, bus, 100) for _ in range(4)]
         for number in range(400):
             sender.send(frame(number))
-        received = [each for future in found for each in ids(future.result(WAIT))]
+        received = [each for future in found for each in ids(future.result(LONG))]
     assert sorted(received) == list(range(400))
 
 
@@ -203,8 +204,8 @@ def test_a_client_has_the_name_that_it_asks_for(sim, at):
 
 def test_slcan_answers_as_an_adapter_does(sim, at):
     bus = at("slcan")
-    assert bus.get_version(WAIT) == (10, 13)
-    assert bus.get_serial_number(WAIT) == "A123"
+    assert bus.get_version(LONG) == (10, 13)
+    assert bus.get_serial_number(LONG) == "A123"
 
 
 def test_a_named_hub_is_found_by_its_name(tmp_path, monkeypatch):
@@ -226,7 +227,7 @@ def test_a_hub_that_dies_is_noticed():
         bus = can.Bus(interface="crtk", channel=sim.paths["crtk"])
         sim.kill()
         with pytest.raises(can.CanOperationError, match="has ended"):
-            bus.recv(WAIT)
+            bus.recv(LONG)
         with pytest.raises(can.CanOperationError, match="cannot send"):
             bus.send(frame())
         bus.shutdown()
@@ -243,7 +244,7 @@ def test_a_hub_that_hangs_does_not_hang_its_clients():
         assert caught.value.error_code == errno.ENOBUFS
         assert bus.recv(0.01) is None
         sim.resume()
-        bus.send(frame(), timeout=WAIT)
+        bus.send(frame(), timeout=LONG)
         bus.shutdown()
 
 
@@ -265,7 +266,7 @@ def test_two_processes_talk_to_each_other(sim, at):
         bus.send(frame(0x123, b"ping"))
         (reply,) = receive(bus)
         assert (reply.arbitration_id, bytes(reply.data)) == (0x124, b"ping")
-        assert other.wait(WAIT) == 0
+        assert other.wait(LONG) == 0
     finally:
         other.kill()
         other.wait()
@@ -282,7 +283,7 @@ def test_many_threads_may_send_at_one_bus():
         try:
             with ThreadPoolExecutor(4) as pool:
                 for done in [pool.submit(send_many, bus, 500) for _ in range(4)]:
-                    done.result(WAIT)
+                    done.result(LONG)
         finally:
             sys.setswitchinterval(interval)
         until(lambda: sim.control.status()["nodes"]["native-a"]["sent"] == 2000)

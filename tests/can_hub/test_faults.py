@@ -9,7 +9,8 @@ import pytest
 from crtk_sim_backends.can import SIM
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.process import SimStartError
-from rigs.can_hub_doors import WAIT, drain, frame, ids, open_bus, receive, until
+from rigs.can_hub_doors import drain, frame, ids, open_bus, receive, until
+from rigs.waiting import LONG
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def sent_through(pair, messages, marker=0x7EF):
     """What the second bus gets of `messages` from the first one."""
     one, other = pair
     for message in [*messages, frame(marker, b"")]:
-        one.send(message, timeout=WAIT)
+        one.send(message, timeout=LONG)
     return drain(other, marker)
 
 
@@ -141,7 +142,7 @@ def test_down_ends_a_wait_and_refuses_to_send_until_it_is_up(sim, pair):
     a, b = pair
     sim.control.inject("down", node="native-a")
     with pytest.raises(can.CanOperationError, match="went down") as caught:
-        a.recv(WAIT)
+        a.recv(LONG)
     assert caught.value.error_code == errno.ENETDOWN
     assert refused(a) == errno.ENETDOWN
     assert a.recv(0.01) is None
@@ -159,7 +160,7 @@ def test_full_refuses_to_send_and_lets_a_patient_sender_wait(sim, pair):
     b.send(frame(0x5))
     assert ids(receive(a)) == [0x5]
     sim.control.inject("full", node="native-a", duration=0.05)
-    a.send(frame(0x6), timeout=WAIT)
+    a.send(frame(0x6), timeout=LONG)
     assert ids(receive(b)) == [0x6]
 
 
@@ -246,7 +247,7 @@ def test_an_adapter_refuses_frames_and_reports_bus_off_in_its_flags(sim):
         bus._write("F")
         answers = []
         while not answers or not answers[-1].startswith("F"):
-            answers.append(bus._read(WAIT))
+            answers.append(bus._read(LONG))
         sim.control.clear()
         assert answers[-2:] == ["\a", "F80\r"]
 

@@ -14,8 +14,9 @@ from crtk_sim_backends.can import SIM, frames
 from crtk_sim_backends.can.slcan import frame_command, parse_frame
 from crtk_sim_backends.can.socketcand import CommandError, frame_message, parse_send
 from crtk_sim_backends.control import token
-from rigs.can_hub_doors import WAIT, drain, frame, open_bus, receive, until
+from rigs.can_hub_doors import drain, frame, open_bus, receive, until
 from rigs.examples import examples
+from rigs.waiting import LONG
 
 WIRE = settings(
     max_examples=examples(40),
@@ -57,7 +58,7 @@ def two(sim):
 def witnesses(two):
     """The two, with nothing to be read."""
     for one, other in (two, two[::-1]):
-        one.send(frame(0x7EF, b""), timeout=WAIT)
+        one.send(frame(0x7EF, b""), timeout=LONG)
         drain(other)
     return two
 
@@ -65,7 +66,7 @@ def witnesses(two):
 def still_serves(witnesses):
     """A frame passes, after whatever the nonsense has put onto the bus."""
     one, other = witnesses
-    one.send(frame(0x7EE, b"alive"), timeout=WAIT)
+    one.send(frame(0x7EE, b"alive"), timeout=LONG)
     while receive(other)[0].arbitration_id != 0x7EE:
         pass
     while one.recv(0.0) is not None:
@@ -77,7 +78,7 @@ def still_serves(witnesses):
 def test_the_unix_socket_survives_anything(sim, witnesses, packets):
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as client:
         client.connect(sim.paths["crtk"])
-        client.settimeout(WAIT)
+        client.settimeout(LONG)
         for packet in packets:
             client.send(packet)
     still_serves(witnesses)
@@ -86,7 +87,7 @@ def test_the_unix_socket_survives_anything(sim, witnesses, packets):
 @WIRE
 @given(packets=pieces(SOCKETCAND_WORDS))
 def test_socketcand_survives_anything(sim, witnesses, packets):
-    with socket.create_connection((sim.host, sim.ports["socketcand"]), WAIT) as client:
+    with socket.create_connection((sim.host, sim.ports["socketcand"]), LONG) as client:
         with contextlib.suppress(ConnectionError):
             for packet in packets:
                 client.sendall(packet)
@@ -111,7 +112,7 @@ def test_the_control_socket_survives_anything(sim, witnesses, packets):
     for begin in (b"", first):
         with (
             contextlib.suppress(ConnectionError),  # it is closed at the first line that is none
-            socket.create_connection((sim.host, sim.ports["control"]), WAIT) as client,
+            socket.create_connection((sim.host, sim.ports["control"]), LONG) as client,
         ):
             for packet in (begin, *packets):
                 client.sendall(packet)
@@ -200,7 +201,7 @@ def talk(client, message):
 
 
 def test_socketcand_keeps_to_its_protocol(sim):
-    with socket.create_connection((sim.host, sim.ports["socketcand"]), WAIT) as client:
+    with socket.create_connection((sim.host, sim.ports["socketcand"]), LONG) as client:
         assert client.recv(100) == b"< hi >"
         assert talk(client, b"< send 123 1 ff >") == b"< error unknown command >"
         assert talk(client, b"< rawmode >") == b"< error unknown command >"
@@ -213,7 +214,7 @@ def test_socketcand_keeps_to_its_protocol(sim):
 
 def test_frames_do_not_run_into_the_answer_that_a_client_waits_for(sim, witnesses):
     """python-can fails to open a busy bus when they do."""
-    with socket.create_connection((sim.host, sim.ports["socketcand"]), WAIT) as client:
+    with socket.create_connection((sim.host, sim.ports["socketcand"]), LONG) as client:
         assert client.recv(100) == b"< hi >"
         assert talk(client, b"< open can0 >") == b"< ok >"
         client.sendall(b"< rawmode >")
@@ -225,7 +226,7 @@ def test_frames_do_not_run_into_the_answer_that_a_client_waits_for(sim, witnesse
 
 
 def test_commands_may_come_in_pieces(sim, witnesses):
-    with socket.create_connection((sim.host, sim.ports["socketcand"]), WAIT) as client:
+    with socket.create_connection((sim.host, sim.ports["socketcand"]), LONG) as client:
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for byte in b"< open can0 >< rawmode >< send 123 2 a bc >":
             client.sendall(bytes([byte]))
@@ -271,7 +272,7 @@ def test_a_client_that_does_not_read_loses_frames_and_nobody_else_does(sim, witn
         lazy.connect(sim.paths["crtk"])
         until(lambda: "native" in sim.control.status()["nodes"])
         for number in range(3000):
-            one.send(frame(0x100, number.to_bytes(2, "little")), timeout=WAIT)
+            one.send(frame(0x100, number.to_bytes(2, "little")), timeout=LONG)
             (got,) = receive(other)
             assert got.data == number.to_bytes(2, "little")
         assert sim.control.status()["nodes"]["native"]["missed"] > 0

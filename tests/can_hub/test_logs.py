@@ -12,7 +12,8 @@ from crtk_sim_backends.can import SIM, frames
 from crtk_sim_backends.can.candump import LogError, LogWriter, parse, parse_frame, read, text
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.process import SimStartError
-from rigs.can_hub_doors import WAIT, frame, ids, open_bus, receive, until
+from rigs.can_hub_doors import frame, ids, open_bus, receive, until
+from rigs.waiting import LONG
 
 CAN_IDS = st.one_of(
     st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF).map(lambda n: n | frames.EXTENDED)
@@ -194,7 +195,7 @@ def test_a_log_that_cannot_be_used_is_refused(tmp_path):
 def test_single_frames_are_sent_through_the_control_socket(tmp_path):
     with SIM.spawn(socketcand_port=0, terminals=0) as sim, open_bus(sim, "crtk") as bus:
         assert sim.control.call("send", frame="123#DEAD") == 0
-        message = bus.recv(WAIT)
+        message = bus.recv(LONG)
         assert (message.arbitration_id, bytes(message.data)) == (0x123, b"\xde\xad")
         with pytest.raises(ControlError, match="such as 123#DEADBEEF"):
             sim.control.call("send", frame="hello")

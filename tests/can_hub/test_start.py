@@ -15,7 +15,8 @@ from crtk_sim_backends.can.port import State
 from crtk_sim_backends.can.server import HubServer
 from crtk_sim_backends.faults import FaultKind
 from crtk_sim_backends.process import SimStartError
-from rigs.can_hub_doors import WAIT, frame, ids, receive, until
+from rigs.can_hub_doors import frame, ids, receive, until
+from rigs.waiting import LONG
 
 pytestmark = pytest.mark.usefixtures("cold_start")
 
@@ -105,7 +106,7 @@ def hub():
 
 
 def steps(hub, condition):
-    deadline = time.monotonic() + WAIT
+    deadline = time.monotonic() + LONG
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         hub.step(time.monotonic() + 0.01)
@@ -201,7 +202,7 @@ def test_two_nodes_that_answer_each_other_do_not_keep_others_out():
         pong = hub.attach(lambda can_id, data: ping.send(0x1) if can_id == 0x2 else 0, "pong")
         door = hub.open_socketcand("127.0.0.1", 0)
         ping.send(0x2)
-        with socket.create_connection(("127.0.0.1", door.port), WAIT) as client:
+        with socket.create_connection(("127.0.0.1", door.port), LONG) as client:
             client.setblocking(False)
             greeting = []
 

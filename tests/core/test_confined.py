@@ -8,6 +8,7 @@ import crtk_drivers
 from crtk_drivers.errors import CommandRefused, ConfigError
 from crtk_drivers.testing.loopback import LINEAR, LoopbackConfig, LoopbackDevice
 from crtk_drivers.wrappers.confined import ConfinedDevice
+from rigs.waiting import LONG
 
 SPACE = {
     "joints": [
@@ -34,7 +35,7 @@ def test_the_driver_refuses_what_is_beyond_it() -> None:
         arm.enable()
         with pytest.raises(CommandRefused, match=r"out_of_range.*0\.2"):
             arm.move_jp([0.25, 0.0, 0.0, 0.0])
-        arm.move_jp([0.19, 0.0, 0.0, 0.0]).wait(timeout=10.0)
+        arm.move_jp([0.19, 0.0, 0.0, 0.0]).wait(timeout=LONG)
         assert arm.measured_js().position[0] == pytest.approx(0.19, abs=0.005)
 
 

@@ -27,6 +27,7 @@ from crtk_drivers.testing.loopback import GantryKinematics, LoopbackConfig, Loop
 from crtk_drivers.wrappers.base_frame import PlacedDevice
 from crtk_drivers.wrappers.forwarding import WrappedDevice
 from crtk_drivers.wrappers.kinematic_model import ModelledDevice
+from rigs.waiting import LONG
 
 DATA = Path(__file__).parents[1] / "data"
 TURNED = {"frame_id": "world", "position": [1.0, 2.0, 0.5], "rpy": [0.0, 0.0, math.pi / 2]}
@@ -66,7 +67,7 @@ def test_what_is_measured_is_in_the_other_frame_and_in_its_own_as_local(
     placed: LocalDevice,
 ) -> None:
     placed.enable()
-    placed.move_jp([0.1, 0.2, 0.3, 0.0]).wait(10.0)
+    placed.move_jp([0.1, 0.2, 0.3, 0.0]).wait(LONG)
     pose, local = placed.setpoint_cp(), placed.forward_kinematics([0.1, 0.2, 0.3, 0.0])
     assert pose.frame_id == local.frame_id == "world"
     assert pose.position == pytest.approx([0.8, 2.1, 0.8], abs=1e-9)
@@ -78,13 +79,13 @@ def test_what_is_measured_is_in_the_other_frame_and_in_its_own_as_local(
 def test_commands_in_the_other_frame_and_in_its_own(placed: LocalDevice) -> None:
     placed.enable()
     turned = quaternion_from_rpy(0.0, 0.0, math.pi / 2)
-    placed.move_cp(Pose(vector((0.8, 2.1, 0.8)), turned, "world")).wait(10.0)
+    placed.move_cp(Pose(vector((0.8, 2.1, 0.8)), turned, "world")).wait(LONG)
     assert placed.setpoint_jp() == pytest.approx([0.1, 0.2, 0.3, 0.0], abs=1e-6)
-    placed.local.move_cp([0.2, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0]).wait(10.0)
+    placed.local.move_cp([0.2, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0]).wait(LONG)
     assert placed.setpoint_jp() == pytest.approx([0.2, 0.0, 0.1, 0.0], abs=1e-6)
-    placed.move_cr([0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(10.0)
+    placed.move_cr([0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(LONG)
     assert placed.setpoint_jp()[0] == pytest.approx(0.25, abs=1e-6)  # its x is the world's y
-    placed.local.move_cr([0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(10.0)
+    placed.local.move_cr([0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(LONG)
     assert placed.setpoint_jp()[0] == pytest.approx(0.30, abs=1e-6)
 
 

@@ -171,6 +171,32 @@ def test_the_same_recording_is_judged_again_with_the_bounds_of_the_lab_file(
     assert found.bound_from == "the lab file: nothing is that still"
 
 
+def test_a_full_disk_leaves_the_old_results(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_run(run, tmp_path)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_run(run.model_copy(update={"lab": "other"}), tmp_path)
+    assert read_run(tmp_path) == run
+
+
+def test_the_report_has_what_was_found_and_loads_nothing(run: Run) -> None:
+    page = report.html(run)
+    assert "<script" not in page
+    assert "src=" not in page
+    for _, test in run.tests:
+        assert test.name in page
+        for found in test.measurements:
+            assert escape(found.title) in page
+    suites = ElementTree.fromstring(report.junit(run).encode())
+    assert [suite.get("name") for suite in suites] == ["gantry", "bench"]
+
+
 def test_one_that_is_not_reached_is_open_and_the_others_do_what_they_offer(bench: Bench) -> None:
     gone = '[devices.gone]\nplugin = "ati-netft"\nsettings = { host = "127.0.0.254", open_timeout = 0.2 }\n'
     there = '[devices.ft]\nplugin = "ati-netft"\nsim = true\n'
@@ -632,29 +658,3 @@ def test_results_of_a_newer_version_are_refused(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text("{")
     with pytest.raises(ConfigError, match="is no run"):
         read_run(tmp_path)
-
-
-def test_a_full_disk_leaves_the_old_results(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_run(run, tmp_path)
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        write_run(run.model_copy(update={"lab": "other"}), tmp_path)
-    assert read_run(tmp_path) == run
-
-
-def test_the_report_has_what_was_found_and_loads_nothing(run: Run) -> None:
-    page = report.html(run)
-    assert "<script" not in page
-    assert "src=" not in page
-    for _, test in run.tests:
-        assert test.name in page
-        for found in test.measurements:
-            assert escape(found.title) in page
-    suites = ElementTree.fromstring(report.junit(run).encode())
-    assert [suite.get("name") for suite in suites] == ["gantry", "bench"]

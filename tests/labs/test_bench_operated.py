@@ -110,6 +110,10 @@ def test_one_that_was_not_enabled_again_does_not_pass(
     assert S7.analyse(Trace.of([]), replace(subject, kept=until_then | kept)).verdict is verdict
 
 
+SLOW = {"rate": 100.0}
+"""Of a virtual arm: what an emergency stop does takes seconds, and each cycle is computed."""
+
+
 class Bystander:
     """Somebody beside a virtual arm, who does `press` when asked for its emergency stop: it has none."""
 
@@ -136,7 +140,7 @@ def kept_beside(operator: Bystander) -> dict[str, Any]:
         S7.acquisition.run(bed)
 
     acquisition = replace(S7.acquisition, run=run)
-    _, subject = stepped_bed.acquired(acquisition, "virtual", {}, operator=operator)
+    _, subject = stepped_bed.acquired(acquisition, "virtual", SLOW, operator=operator)
     return dict(subject.kept)
 
 

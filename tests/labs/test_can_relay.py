@@ -17,8 +17,8 @@ from crtk_drivers.labs.bench.can_relay import frame_of, line_of
 from crtk_drivers.labs.bench.relay import Mode, RelayProcess
 from crtk_drivers.plugins import DeviceLink
 from crtk_sim_backends.can import SIM
+from rigs.waiting import LONG
 
-LONG = 20.0
 SHORT = 0.2
 
 FRAMES = st.builds(

@@ -16,9 +16,7 @@ import pytest
 from crtk_drivers.errors import ConnectionFailed, DeviceError
 from crtk_drivers.labs.bench.relay import Mode, RelayProcess
 from crtk_drivers.plugins import DeviceLink
-
-LONG = 20.0
-"""Seconds for what must come."""
+from rigs.waiting import LONG
 
 SHORT = 0.2
 """Seconds in which what must not come would have."""

@@ -16,8 +16,8 @@ from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.labs.bench.relay import Mode, RelayProcess
 from crtk_drivers.plugins import DeviceLink
+from rigs.waiting import LONG
 
-LONG = 20.0
 SHORT = 0.2
 
 

@@ -16,9 +16,11 @@ from crtk_drivers.labs.supervisor import Child, Phase, Supervisor
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
 from rigs.processes import has_ended
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
-LONG = 30.0
+PYTHON = (sys.executable, "-S", "-c")
+"""Without `site`, which takes longer than all that the programs below do."""
+
 FOREVER = "import time; print('up', flush=True); time.sleep(1000)"
 STUBBORN = "import signal, time; signal.signal(2, signal.SIG_IGN); print('up', flush=True); time.sleep(1000)"
 
@@ -34,11 +36,10 @@ def lab(tmp_path, monkeypatch):
     made = []
 
     def running(**programs: str) -> Supervisor:
-        started = {
-            name: LabProgram(name, (sys.executable, "-c", text), ())
-            for name, text in programs.items()
-        }
+        started = {name: LabProgram(name, (*PYTHON, text), ()) for name, text in programs.items()}
         made.append(Supervisor(lab_of(tmp_path, started), tmp_path / "logs"))
+        for child in made[-1].programs.values():
+            child.delay = supervisor.FIRST_DELAY  # of the class, it is that of users
         return made[-1]
 
     yield running
@@ -142,12 +143,12 @@ os.write(int(os.environ["CRTK_DRIVERS_REPORT_FD"]), json.dumps(report).encode() 
 
 def has_measured(running, folder, then):
     """Add a device that measures until it does what `then` says, and a program that comes after it."""
-    command = (sys.executable, "-c", MEASURES + then)
+    command = (*PYTHON, MEASURES + then)
     arm = Child("arm", command, (), folder / "arm.log", True, delay=1000.0)
     running.devices["arm"] = arm
     until(running, lambda: arm.heard, "it measures")
     until(running, lambda: not arm.is_ready, "it is not ready any more")
-    tool = Child("tool", (sys.executable, "-c", FOREVER), ("arm",), folder / "tool.log", False)
+    tool = Child("tool", (*PYTHON, FOREVER), ("arm",), folder / "tool.log", False)
     running.programs["tool"] = tool
     running.step()
     assert (tool.phase, tool.why) == (Phase.WAITING, "waits for arm")

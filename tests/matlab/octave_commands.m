@@ -10,7 +10,7 @@ function octave_commands()
     ral = crtk.ral('octave_commands');
     r = device_under_test(getenv('CRTK_NAMESPACE'), ral, features);
     r.crtk_utils.add('body/servo_cv');
-    r.enable(10.0);
+    r.enable(60.0);
     zero = zeros(4, 1);
 
     % moves, with a handle
@@ -23,13 +23,13 @@ function octave_commands()
     check(handle.wait(), 'the move did not end');
     check(~handle.is_busy(), 'the move is still busy');
     ends_at(r, goal, 1e-6, 'move_jp');
-    check(r.move_jr([0.1 0 0 0]).wait(false, 10.0), 'move_jr did not end');
+    check(r.move_jr([0.1 0 0 0]).wait(false, 60.0), 'move_jr did not end');
     ends_at(r, goal + [0.1; 0; 0; 0], 1e-6, 'move_jr');
-    check(r.move_cp(r.forward_kinematics(zero)).wait(false, 10.0), 'move_cp did not end');
+    check(r.move_cp(r.forward_kinematics(zero)).wait(false, 60.0), 'move_cp did not end');
     ends_at(r, zero, 1e-3, 'move_cp');
     lift = eye(4);
     lift(3, 4) = 0.1;
-    check(r.move_cr(lift).wait(false, 10.0), 'move_cr did not end');
+    check(r.move_cr(lift).wait(false, 60.0), 'move_cr did not end');
     ends_at(r, [0; 0; 0.1; 0], 1e-3, 'move_cr');
 
     % streams of positions and increments; rows and columns alike
@@ -101,7 +101,7 @@ function moves_up(r, send, name)
     begin = tic;
     moved = zeros(4, 1);
     while moved(3) < 0.005
-        check(toc(begin) < 10.0, '%s: it moved by %s', name, mat2str(moved', 3));
+        check(toc(begin) < 60.0, '%s: it moved by %s', name, mat2str(moved', 3));
         send();
         pause(0.01);
         moved = r.measured_jp() - start;

@@ -19,7 +19,7 @@ function octave_errors()
     % refused by the device
     check_raises('crtk:Refused', 'not_enabled', @() r.move_jp(zeros(1, 4)));
     check_raises('crtk:Refused', 'invalid_transition', @() r.resume());
-    r.enable(10.0);
+    r.enable(60.0);
     check_raises('crtk:Refused', 'out_of_range.*outside.*Stay within', @() r.move_jp([9 0 0 0]));
     check_raises('crtk:Refused', 'wrong_size', @() r.move_jp([0 0 0]));
     check_raises('crtk:Refused', 'not_finite', @() r.move_jp([NaN 0 0 0]));
@@ -48,7 +48,7 @@ function octave_errors()
     r.trajectory_j_set_ratio(0.02);
     handle = r.move_jp([0.9 0 0 0]);
     r.hold();
-    check_raises('crtk:MotionAborted', 'move_jp', @() handle.wait(false, 10.0));
+    check_raises('crtk:MotionAborted', 'move_jp', @() handle.wait(false, 60.0));
 
     % a device that says nothing any more
     pid = getenv('CRTK_DRIVER_PID');
@@ -59,7 +59,7 @@ function octave_errors()
     check_raises('crtk:ConnectionLost', 'has been silent', @() r.disable(0.5));
     check(numel(r.measured_jp('age', 0)) == 4, 'the last value is gone');
     clear resume
-    check_until(@() r.measured_js('age', 0.1, 'wait', 5.0)(1) < 2, 'it is back');
+    check_until(@() r.measured_js('age', 0.1, 'wait', 60.0)(1) < 2, 'it is back');
 
     % after the end
     ral.shutdown();

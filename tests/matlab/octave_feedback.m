@@ -17,9 +17,9 @@ function octave_feedback()
     check(strcmp(text, sprintf('goal_js has not received messages yet (topic /%s/goal_js)', ...
         getenv('CRTK_NAMESPACE'))), 'text: %s', text);
 
-    r.enable(10.0);
+    r.enable(60.0);
     goal = [0.1; -0.2; 0.3; pi / 4];
-    check(r.move_jp(goal).wait(false, 10.0), 'the move did not end');
+    check(r.move_jp(goal).wait(false, 60.0), 'the move did not end');
     check_until(@() norm(r.measured_js() - goal) < 1e-4, 'the device is at the goal');
 
     % joints are columns

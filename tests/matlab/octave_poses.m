@@ -5,9 +5,9 @@ function octave_poses()
     r = device_under_test(getenv('CRTK_NAMESPACE'), ral, {'measured_js', 'measured_cp', ...
         'setpoint_js', 'setpoint_cp', 'move_jp', 'move_cp', 'forward_kinematics', ...
         'inverse_kinematics'});
-    r.enable(30.0);
+    r.enable(60.0);
     home = [0; -1.3; 1.4; -1.6; -1.57; 0];
-    check(r.move_jp(home).wait(false, 20.0), 'the move did not end');
+    check(r.move_jp(home).wait(false, 60.0), 'the move did not end');
 
     axes = {[1; 0; 0], [0; 1; 0], [0; 0; 1], [1; 1; 0], [0; 1; 1], [1; 0; 1], [1; 1; 1], ...
         [-1; 2; 3]};
@@ -28,11 +28,11 @@ function octave_poses()
         [diag([1 -1 -1]), [-0.4; 0.15; 0.3]; 0 0 0 1], 1e-8, 'a quaternion');
 
     % a tool that points straight down is a turn by pi
-    down = r.setpoint_cp('wait', 5.0);
+    down = r.setpoint_cp('wait', 60.0);
     down(1:3, 1:3) = diag([1 -1 -1]);
     down(3, 4) = down(3, 4) + 0.05;
-    check(r.move_cp(down).wait(false, 30.0), 'move_cp did not end');
-    check_near(r.setpoint_cp('wait', 5.0), down, 1e-4, 'setpoint_cp');
+    check(r.move_cp(down).wait(false, 60.0), 'move_cp did not end');
+    check_near(r.setpoint_cp('wait', 60.0), down, 1e-4, 'setpoint_cp');
     check_until(@() max(max(abs(r.measured_cp() - down))) < 1e-3, 'it is there');
     ral.shutdown();
 end

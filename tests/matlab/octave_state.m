@@ -5,33 +5,33 @@ function octave_state()
     check(strcmp(ral.name, 'octave_state'), 'name %s', ral.name);
     namespace = ['/' getenv('CRTK_NAMESPACE') '/'];
     r = device_under_test(namespace, ral, {'move_jp', 'setpoint_js'});
-    ral.check_connections(5.0);
+    ral.check_connections(60.0);
     ral.spin();
 
     state = r.operating_state();
     check(isequal(state, struct('state', 'DISABLED', 'is_homed', false, 'is_busy', false)), ...
         'the state is %s', jsonencode(state));
     check(~r.is_enabled() && ~r.is_homed() && ~r.is_busy(), 'before enable');
-    check(r.enable(10.0), 'enable');
+    check(r.enable(60.0), 'enable');
     check(r.is_enabled(), 'it is not enabled');
     check(r.home(), 'home');
     check(r.is_homed(), 'it is not homed');
-    check(r.unhome(10.0) && ~r.is_homed(), 'it is homed');
-    check(r.home(10.0) && r.pause(10.0), 'pause');
+    check(r.unhome(60.0) && ~r.is_homed(), 'it is homed');
+    check(r.home(60.0) && r.pause(60.0), 'pause');
     check(strcmp(r.operating_state().state, 'PAUSED'), 'it is not paused');
     check(r.wait_for_operating_state('PAUSED', 1.0), 'it is not paused');
     check(~r.wait_for_operating_state('ENABLED', 0.2), 'it is not paused');
     check(r.resume(Inf), 'resume');
     check(r.operating_state_command('disable'), 'operating_state_command');
-    check(r.state_command('enable', 10.0), 'state_command');
+    check(r.state_command('enable', 60.0), 'state_command');
 
     % events
     r.events();
     check(isempty(r.events()), 'there are events left');
     goal = r.setpoint_jp() + 0.1;
     handle = r.move_jp(goal);
-    check(r.wait_for_busy(true, 5.0), 'it was never busy');
-    check(handle.wait(false, 10.0) && r.wait_for_busy(false, 5.0), 'it is busy');
+    check(r.wait_for_busy(true, 60.0), 'it was never busy');
+    check(handle.wait(false, 60.0) && r.wait_for_busy(false, 60.0), 'it is busy');
     check_raises('crtk:Refused', 'out_of_range', @() r.move_jp([9 9 9 9]));
     events = r.events(1.0);
     kinds = {events.kind};

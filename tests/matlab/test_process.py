@@ -18,10 +18,10 @@ from crtk_drivers.client.matlab import objects
 from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.errors import ConfigError
 from rigs.programs import COMMAND
+from rigs.waiting import LONG
 from rigs.warm_start import server
 
 needs_ros = pytest.mark.skipif(find_spec("rclpy") is None, reason="rclpy is not installed")
-TIMEOUT = 40.0
 
 
 @pytest.fixture(autouse=True)
@@ -40,7 +40,7 @@ def once(**request: Any) -> Any:
 def answered(**request: Any) -> Any:
     """Call until there is an answer."""
     answer = once(**request)
-    deadline = time.monotonic() + TIMEOUT
+    deadline = time.monotonic() + LONG
     while "pending" in answer:
         assert time.monotonic() < deadline, request
         answer = once(do="poll", pending=answer["pending"])
@@ -76,7 +76,7 @@ def test_a_device_is_moved_by_requests_alone() -> None:
             goal = {"size": [1, 4], "data": "0.1,0.2,0.3,0.4,"}
             move = ask(do="send", device=device, name="move_jp", arguments=[goal])
             assert ask(do="wait", move=move, is_busy=False, timeout=30.0) is True
-            deadline = time.monotonic() + TIMEOUT
+            deadline = time.monotonic() + LONG
             position: Any = None
             while position != number(0.1, 0.2, 0.3, 0.4):
                 assert time.monotonic() < deadline, position
@@ -87,7 +87,7 @@ def test_a_device_is_moved_by_requests_alone() -> None:
             ask(do="add", device=device, name="trajectory_j/set_ratio")
             ask(do="add", device=device, name="trajectory_j/ratio")
             ask(do="send", device=device, name="trajectory_j/set_ratio", arguments=[number(0.25)])
-            deadline = time.monotonic() + TIMEOUT
+            deadline = time.monotonic() + LONG
             while ask(do="get", device=device, name="trajectory_j/ratio")["values"][0] != number(
                 0.25
             ):
@@ -111,7 +111,7 @@ def test_a_device_is_moved_by_requests_alone() -> None:
             assert ask(do="is_shutdown", ral=ral) is True
         finally:
             driver.terminate()
-            driver.wait(TIMEOUT)
+            driver.wait(LONG)
 
 
 def test_errors_are_answers() -> None:

@@ -14,12 +14,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
-
-LONG = 3.0 * TIMEOUT
-"""Seconds that a goal of a hundred thousand points may be on its way, on a busy machine."""
 
 
 class Asked:
@@ -65,7 +62,7 @@ class ActionAsker:
 
     def __enter__(self) -> Self:
         self._thread.start()
-        assert self._client.wait_for_server(TIMEOUT), "no such action server"
+        assert self._client.wait_for_server(LONG), "no such action server"
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -45,10 +45,9 @@ from crtk_drivers.samples import (
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.board import Observer
+from rigs.waiting import LONG
 
 NOT_FINITE = (math.nan, math.inf, -math.inf)
-WAIT = 20.0
-"""Seconds, far above what anything takes."""
 BREATH = 0.0005
 """Seconds between two inputs, in which the I/O thread has Python's global lock: they are bad, not many."""
 _MODES = (AxisMode.POSITION, AxisMode.VELOCITY, AxisMode.EFFORT)
@@ -174,9 +173,9 @@ class Bench:
         self.until(lambda: self.engine.health().cycles >= goal, f"go on for {count} cycles")
 
     def until(self, test: Callable[[], object], what: str) -> None:
-        deadline = time.monotonic() + WAIT
+        deadline = time.monotonic() + LONG
         while not test():
-            assert time.monotonic() < deadline, f"it did not {what} in {WAIT:g} s"
+            assert time.monotonic() < deadline, f"it did not {what} in {LONG:g} s"
             time.sleep(0.001)
 
 
@@ -357,7 +356,7 @@ def permuted_or_no_names(bench: Bench) -> int:
         assert goal is not None
         assert isinstance(goal[0], JointState)
         assert goal[0].position.tolist() == here.tolist()
-        move.wait(WAIT)
+        move.wait(LONG)
     return 2
 
 

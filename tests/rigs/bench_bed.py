@@ -22,8 +22,7 @@ from crtk_drivers.labs.bench.watch import Watch
 from crtk_drivers.samples import Vector
 from crtk_drivers.session import Session
 from crtk_drivers.status.stop_request import StopRequest
-
-TIMEOUT = 20.0
+from rigs.waiting import LONG
 
 
 class Clients:
@@ -67,9 +66,9 @@ def acquired(
     serving = threading.Thread(target=host.serve, args=(stop,))
     serving.start()
     try:
-        with Door(str(door), b"key", TIMEOUT) as own:
-            about: About = own.call("about", within=TIMEOUT)
-            watch = Watch(Door(str(door), b"key", TIMEOUT), about, None, StopRequest())
+        with Door(str(door), b"key", LONG) as own:
+            about: About = own.call("about", within=LONG)
+            watch = Watch(Door(str(door), b"key", LONG), about, None, StopRequest())
             own.call("record", str(recording))
             watch.start()
             bed = Bed("arm", about, own, watch, 1.0, Clients(str(door)))
@@ -77,10 +76,10 @@ def acquired(
                 acquisition.run(bed)
             finally:
                 watch.close()
-                own.call("stop_recording", within=TIMEOUT)
+                own.call("stop_recording", within=LONG)
                 own.call("leave")
     finally:
         stop.set()
-        serving.join(TIMEOUT)
+        serving.join(LONG)
     subject = Subject.of(about, tuple(watch.lateness), {}, bed.kept)
     return Trace.of(read_recording(recording)), subject

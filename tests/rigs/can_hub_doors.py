@@ -4,9 +4,10 @@ import time
 
 import can
 
+from rigs.waiting import LONG
+
 DOORS = ("crtk", "socketcand", "slcan")
 NODES = {"crtk": "native", "socketcand": "socketcand", "slcan": "slcan"}
-WAIT = 15.0  # s; the longest that anything may take, on a machine that does much else
 
 
 def listening(sim, door):
@@ -36,7 +37,7 @@ def _terminal(sim):
 
 def until(condition):
     """Wait until a condition holds."""
-    deadline = time.monotonic() + WAIT
+    deadline = time.monotonic() + LONG
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.002)
@@ -50,7 +51,7 @@ def frame(can_id=0x123, data=b"\x01\x02", **options):
 
 def receive(bus, count=1):
     """The next `count` messages."""
-    messages = [bus.recv(WAIT) for _ in range(count)]
+    messages = [bus.recv(LONG) for _ in range(count)]
     assert None not in messages, messages
     return messages
 

@@ -114,6 +114,17 @@ def drives(count: int, **options: Any) -> Iterator[RunningSim]:
         yield sim
 
 
+def start_anew(sim: RunningSim) -> None:
+    """Reset all drives, and wait until they answer: a request to a drive that boots is lost."""
+    sim.control.inject("reset")
+
+    def are_up() -> bool:
+        found = sim.control.status()["drives"].values()
+        return {drive["nmt"] for drive in found} == {"pre_operational"}
+
+    until(are_up, "the drives are up")
+
+
 def wait_for_sync(sim: RunningSim, node: int, seconds: float) -> None:
     """Let a drive wait for SYNC for so long; 0: it does not watch it."""
     sim.control.call("object", node=node, index=SYNC_TIMEOUT, sub=1, value=round(1000 * seconds))

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-import pytest
 from typing_extensions import override
 
 from crtk_driver_dynamixel import PLUGIN, chain_link, stopping
@@ -25,9 +24,7 @@ from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from crtk_sim_backends.dynamixel import SIM, RunningSim
 from rigs.told_states import ToldStates
-
-LONG = 20.0
-"""Seconds that anything may take on a busy machine before a test gives up."""
+from rigs.waiting import LONG, eventually
 
 STOP_TIME = 1.5
 """Seconds, in place of half of one, in which servos stand after a stop, and before a port is closed."""
@@ -80,16 +77,6 @@ TORQUE = REGISTERS["torque_enable"][0]
 PING, READ, WRITE, REBOOT = 0x01, 0x02, 0x03, 0x08
 SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ = 0x82, 0x83, 0x8A, 0x92, 0x9A
 HARMLESS = {PING, READ, SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ}
-
-
-def eventually(test: Callable[[], Any], what: str, timeout: float = LONG) -> Any:
-    """Return what `test` returns as soon as that is true."""
-    deadline = time.monotonic() + timeout
-    while not (found := test()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"never: {what}")
-        time.sleep(0.005)
-    return found
 
 
 class Write(NamedTuple):

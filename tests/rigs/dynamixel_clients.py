@@ -14,15 +14,19 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, Final, NamedTuple, Self
+from unittest.mock import patch
 
 import dynamixel_sdk as sdk
 from dynamixel_sdk import port_handler
 from fastcrc import crc16
 
 from crtk_sim_backends.dynamixel import SIM, RunningSim
+from rigs.waiting import LONG
 
-# The SDK gives an answer 34 ms, which is too little on a machine that is busy with other tests.
+# The SDK gives an answer twice this and 2 ms; its own 34 ms are too little on a machine that is busy.
 port_handler.LATENCY_TIMER = 500
+IN_VAIN: Final = 175
+"""The same where no answer is expected, or where it is asked for again."""
 
 HEADER: Final = b"\xff\xff\xfd\x00"
 MARK: Final = b"\xff\xff\xfd"
@@ -87,13 +91,27 @@ def statuses(data: bytes) -> list[Status]:
     return found
 
 
-class Wire:
-    """A port without any protocol."""
+TAKEN: Final = 3
+"""Requests on the control socket, within which a simulator hands over what it has to say at once."""
 
-    def __init__(self, path: str, speed: int = termios.B1000000) -> None:
+
+class Wire:
+    """A port without any protocol.
+
+    Args:
+        sim: at the first bus of which it is, if that takes no time for bytes: it tells when it has taken a
+            request and how much it answered, so that silence need not be waited for.
+    """
+
+    def __init__(
+        self, path: str, speed: int = termios.B1000000, *, sim: RunningSim | None = None
+    ) -> None:
         self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(self._fd)
         self.set_speed(speed)
+        self._sim = sim
+        told = self._told()
+        self._taken, self._handed = told["bytes_in"], told["bytes_out"]
 
     def set_speed(self, speed: int) -> None:
         """`speed` is a constant of termios."""
@@ -102,9 +120,9 @@ class Wire:
         termios.tcsetattr(self._fd, termios.TCSANOW, settings)
 
     def send(self, *packets: bytes) -> None:
-        os.write(self._fd, b"".join(packets))
+        self._taken += os.write(self._fd, b"".join(packets))
 
-    def receive(self, length: int, timeout: float = 10.0) -> bytes:
+    def receive(self, length: int, timeout: float = LONG) -> bytes:
         """Exactly that many bytes, or what came before the time was over."""
         data = b""
         deadline = time.monotonic() + timeout
@@ -113,14 +131,35 @@ class Wire:
             if wait <= 0.0 or not select.select([self._fd], [], [], wait)[0]:
                 break
             data += os.read(self._fd, length - len(data))
+        self._handed += len(data)
         return data
 
     def rest(self, quiet: float = 0.3, first: float = 0.7) -> bytes:
-        """All that comes until nothing came for a while, or nothing at first for longer."""
+        """All that comes until nothing came for a while, or nothing at first for longer.
+
+        Where the simulator tells, it is all that it has handed over, and nothing may come after that.
+        """
+        if self._sim is not None:
+            return self._all_told()
         data = b""
         while select.select([self._fd], [], [], quiet if data else first)[0]:
             data += os.read(self._fd, 4096)
         return data
+
+    def _all_told(self) -> bytes:
+        wait_until(lambda: self._told()["bytes_in"] >= self._taken)
+        for _ in range(TAKEN):
+            told = self._told()
+        data = self.receive(told["bytes_out"] - self._handed)
+        assert not select.select([self._fd], [], [], 0.05)[0], "more than the simulator tells of"
+        return data
+
+    def _told(self) -> dict[str, Any]:
+        """What the simulator says of the bus."""
+        if self._sim is None:
+            return {"bytes_in": 0, "bytes_out": 0}
+        bus: dict[str, Any] = self._sim.control.status()["buses"]["bus1"]
+        return bus
 
     def ask(self, packet: bytes, length: int | None = None) -> list[Status]:
         """The status packets to an instruction; `length` of them in bytes, until it is quiet if None."""
@@ -172,6 +211,17 @@ class Vendor:
         assert result == sdk.COMM_SUCCESS
         return int(error)
 
+    @contextmanager
+    def in_vain(self) -> Iterator[None]:
+        """Wait less for answers, but longer than a simulator may get no time."""
+        with patch.object(port_handler, "LATENCY_TIMER", IN_VAIN):
+            yield
+
+    def ping_in_vain(self, number: int) -> int:
+        """Result of a ping that is not answered, or not yet."""
+        with self.in_vain():
+            return self.ping(number)[1]
+
     def ping(self, number: int) -> tuple[int, int, int]:
         """Model number, result of the communication, error."""
         answer: tuple[int, int, int] = self.packets.ping(self.port, number)
@@ -195,6 +245,13 @@ def running(**options: Any) -> Iterator[RunningSim]:
 
 
 @contextmanager
+def wire_at(sim: RunningSim) -> Iterator[Wire]:
+    """The first bus of a simulator that `running` has started, which tells when it has answered."""
+    with Wire(sim.ttys["bus1"], sim=sim) as wire:
+        yield wire
+
+
+@contextmanager
 def vendor_at(sim: RunningSim, bus: str = "bus1", **options: Any) -> Iterator[Vendor]:
     vendor = Vendor(sim.ttys[bus], **options)
     try:
@@ -203,7 +260,7 @@ def vendor_at(sim: RunningSim, bus: str = "bus1", **options: Any) -> Iterator[Ve
         vendor.close()
 
 
-def wait_until(met: Any, timeout: float = 20.0) -> None:
+def wait_until(met: Any, timeout: float = LONG) -> None:
     """Poll until a condition is met."""
     deadline = time.monotonic() + timeout
     while not met():

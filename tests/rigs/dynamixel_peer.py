@@ -8,8 +8,8 @@ import tty
 
 from crtk_driver_dynamixel.bus import Bus, ServoLink
 from crtk_drivers.kit.serial_port import SerialPort
+from rigs.waiting import LONG
 
-WAIT = 10.0
 FAST = 100_000_000
 """Bits a second, at which bytes take no time worth the name."""
 
@@ -37,7 +37,7 @@ class Peer:
 
     def __exit__(self, *_):
         os.write(self._stop_write, b"x")
-        self._thread.join(WAIT)
+        self._thread.join(LONG)
         for fd in (self.master, self._slave, self._stop_read, self._stop_write):
             os.close(fd)
 
@@ -58,12 +58,12 @@ class Peer:
 
     def until_heard(self):
         """Wait until something has come to the bus that it has not read."""
-        assert select.select([self._slave], [], [], WAIT)[0]
+        assert select.select([self._slave], [], [], LONG)[0]
 
     def wait_for(self, count):
         """Wait until so many requests were heard, and return them."""
         with self._heard:
-            assert self._heard.wait_for(lambda: len(self.requests) >= count, WAIT)
+            assert self._heard.wait_for(lambda: len(self.requests) >= count, LONG)
         return self.requests
 
     def _run(self):

@@ -97,12 +97,6 @@ class Case:
         return status["vacuum"] > VACUUM if self.is_suction else status["opening"] < WIDER
 
 
-def _robotiq(sim: RunningSim) -> None:
-    sim.control.inject("deactivated")
-    sim.control.inject("activated")
-    eventually(lambda: sim.control.call("status")["state"] == "active", "activated")
-
-
 def _onrobot(sim: RunningSim) -> None:
     sim.control.inject("unpowered")
     sim.control.clear()
@@ -149,7 +143,7 @@ CASES: Final = (
             options=robotiq_bench.FREE_PORTS,
             bench=_robotiq_bench,
             link=link,
-            ready=_robotiq,
+            ready=robotiq_bench.activate_anew,
             start=0.05,
             closed=0.0,
             opened=0.085,

@@ -12,9 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rigs.programs import COMMAND, Program, Start
-
-LONG = 60.0
-"""Seconds that a lab may take to come to something."""
+from rigs.waiting import LONG
 
 
 class Up:

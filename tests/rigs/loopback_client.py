@@ -23,7 +23,7 @@ from crtk_drivers.state import Status
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.loopback_node import put_at_zero, serve, until
 from rigs.programs import Program, Start
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Far:
 def far_device(namespace: str, **config: Any) -> Iterator[Far]:
     with (
         serve(LoopbackConfig(**config), namespace, []) as (session, _),
-        connect(namespace, timeout=TIMEOUT) as arm,
+        connect(namespace, timeout=LONG) as arm,
     ):
         yield Far(namespace, session.engine, arm)
 
@@ -111,4 +111,4 @@ def driver_process(start: Start, namespace: str) -> Iterator[Callable[[], Progra
     finally:
         for process in running:
             process.terminate()
-            process.communicate(timeout=TIMEOUT)
+            process.communicate(timeout=LONG)

@@ -17,7 +17,8 @@ from crtk_drivers.ros.serving import Serving
 from crtk_drivers.samples import Number
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
-from rigs.ros_client import TIMEOUT, RosClient, stamp_ns
+from rigs.ros_client import RosClient, stamp_ns
+from rigs.waiting import LONG
 
 RATE = 40.0
 """Hz of the device and of what is published: the client hears twenty topics, each in each cycle."""
@@ -25,9 +26,9 @@ RATE = 40.0
 
 def until(condition: Callable[[], Any], what: str) -> Any:
     """Wait until something is true, and return it."""
-    end = time.monotonic() + TIMEOUT
+    end = time.monotonic() + LONG
     while not (found := condition()):
-        assert time.monotonic() < end, f"not within {TIMEOUT} s: {what}"
+        assert time.monotonic() < end, f"not within {LONG} s: {what}"
         time.sleep(0.005)
     return found
 

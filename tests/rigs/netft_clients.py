@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 import socket
 import struct
-import time
 import urllib.request
 from typing import Any, NamedTuple, Self
 
 from crtk_sim_backends.netft.box import Box
 from crtk_sim_backends.netft.config import SimConfig
+from rigs.waiting import LONG
 
-LONG = 20.0
 FREE_PORTS = {"rdt_port": 0, "tcp_port": 0, "http_port": 0}
 
 
@@ -126,15 +125,6 @@ def _exactly(peer: socket.socket, size: int) -> bytes:
         assert piece, "closed"
         data += piece
     return data
-
-
-def eventually(test: Any, what: str) -> Any:
-    """Return what `test` returns as soon as that is true."""
-    deadline = time.monotonic() + LONG
-    while not (found := test()):
-        assert time.monotonic() < deadline, f"never: {what}"
-        time.sleep(0.005)
-    return found
 
 
 class VirtualBox:

@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Self
 
+from rigs.waiting import LONG
+
 RECORD = struct.Struct(">III6i")
 
 UPTIME = 1000.0
@@ -68,7 +70,7 @@ class Peer:
         """Send records one a datagram, all zeros."""
         self.send(*(record(rdt + i, ft + i * step) for i in range(count)))
 
-    def wait_for(self, command: int, count: int = 1, timeout: float = 10.0) -> None:
+    def wait_for(self, command: int, count: int = 1, timeout: float = LONG) -> None:
         """Wait until so many requests with a command have come."""
         deadline = time.monotonic() + timeout
         while sum(c == command for c, _ in self.requests) < count:

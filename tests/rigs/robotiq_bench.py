@@ -13,10 +13,21 @@ from crtk_sim_backends.robotiq import SIM, RunningSim
 from rigs.gripper_bench import GripperBench
 from rigs.waiting import eventually
 
-__all__ = ["FREE_PORTS", "LINKS", "RobotiqBench", "bench", "configuration", "eventually"]
+__all__ = [
+    "AJAR",
+    "FREE_PORTS",
+    "LINKS",
+    "RobotiqBench",
+    "activate_anew",
+    "bench",
+    "configuration",
+    "eventually",
+]
 
 FREE_PORTS = {"tool_port": 0, "modbus_port": 0, "urcap_port": 0}
 LINKS = ("serial", "tool", "modbus", "urcap")
+AJAR = 0.08
+"""Width in m of something that leaves open fingers of a 2F-85 little way to go: an activation soon ends."""
 
 
 def configuration(sim: RunningSim, **values: Any) -> RobotiqConfig:
@@ -26,6 +37,15 @@ def configuration(sim: RunningSim, **values: Any) -> RobotiqConfig:
     pointed = PLUGIN.sim_config(config, sim)
     assert isinstance(pointed, RobotiqConfig)
     return pointed
+
+
+def activate_anew(sim: RunningSim) -> None:
+    """Have another master reset a gripper and activate it; nothing lies between its fingers then."""
+    sim.control.inject("object", width=AJAR)
+    sim.control.inject("deactivated")
+    sim.control.inject("activated")
+    eventually(lambda: sim.control.call("status")["state"] == "active", "activated")
+    sim.control.clear("object")
 
 
 class RobotiqBench(GripperBench):

@@ -31,8 +31,7 @@ from std_msgs.msg import Empty, Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-TIMEOUT = 30.0
-"""Seconds: far above what anything takes on a busy machine, discovery (up to 3.3 s) included."""
+from rigs.waiting import LONG
 
 PUBLISHED = {
     "measured_js": JointState,
@@ -124,7 +123,7 @@ class Inbox:
 
     def wait(self, accept: Callable[[Any], bool] = lambda message: True, since: int = 0) -> Any:
         """Return the first message from place `since` on that `accept` likes."""
-        end = time.monotonic() + TIMEOUT
+        end = time.monotonic() + LONG
         with self._arrived:
             while True:
                 while since < len(self.messages):
@@ -134,7 +133,7 @@ class Inbox:
                 left = end - time.monotonic()
                 if left <= 0.0 or not self._arrived.wait(left):
                     last = self.messages[-1] if self.messages else "nothing ever came"
-                    raise AssertionError(f"no such message within {TIMEOUT} s; last: {last}")
+                    raise AssertionError(f"no such message within {LONG} s; last: {last}")
 
 
 class RosClient:
@@ -208,8 +207,8 @@ class RosClient:
         return self.inboxes[name]
 
     def check_connections(self) -> None:
-        """Wait until each end has met its other end, as the official client does."""
-        end = time.monotonic() + TIMEOUT
+        """Wait until each end has met its other end, as the official client does, and has been met by it."""
+        end = time.monotonic() + LONG
         loose = ["?"]
         while loose and time.monotonic() < end:
             loose = [n for n, p in self.publishers.items() if not p.get_subscription_count()]
@@ -217,6 +216,9 @@ class RosClient:
             loose += [n for n, c in self.clients.items() if not c.service_is_ready()]
             time.sleep(0.01)
         assert not loose, f"not connected: {loose}"
+        # A node that this one has found may not have found this one yet, and would miss what is sent.
+        # It finds ends in the order in which they were made: those of topics before those of services.
+        self.call("crtk_version", Trigger.Request())
 
     def send(self, name: str, message: Any) -> None:
         self.publishers[name].publish(message)
@@ -224,7 +226,7 @@ class RosClient:
     def call(self, name: str, request: Any, again: float = 2.0) -> Any:
         """Ask, and again after so many seconds: an answer is lost where this node is not found yet."""
         done, asked = threading.Event(), []
-        end = time.monotonic() + TIMEOUT
+        end = time.monotonic() + LONG
         while not done.is_set():
             assert time.monotonic() < end, f"{name} did not answer"
             asked.append(self.clients[name].call_async(request))
@@ -236,8 +238,8 @@ class RosClient:
         """Ask a service of the device's own for what it does."""
         if name not in self.clients:
             self.clients[name] = self.node.create_client(Trigger, f"{self.namespace}/{name}")
-            assert self.clients[name].wait_for_service(TIMEOUT)
-        response: Trigger.Response = self.call(name, Trigger.Request(), again=TIMEOUT)
+            assert self.clients[name].wait_for_service(LONG)
+        response: Trigger.Response = self.call(name, Trigger.Request(), again=LONG)
         return response
 
     def set_parameter(self, name: str, value: float) -> bool:

@@ -16,7 +16,7 @@ from crtk_drivers.config import BoxConfig, DeviceConfig, from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CrtkError
-from crtk_drivers.labs.bench import bed, host, operator, taping, watch
+from crtk_drivers.labs.bench import bed, host, operated, operator, taping, watch
 from crtk_drivers.labs.bench.acquisition import Acquisition, Subject
 from crtk_drivers.labs.bench.bed import Bed
 from crtk_drivers.labs.bench.calls import About, HostOrder
@@ -136,7 +136,7 @@ def _seated(
     declared = plugins.device(plugin)
     config: Any = load(declared.config, from_values(values))
     steps = Steps(1.0 / config.rate)
-    with steps.instead_of_time(samples, loopback, bed, host, operator, taping, watch):
+    with steps.instead_of_time(samples, loopback, bed, host, operated, operator, taping, watch):
         seat = Seat(_made(declared, config, steps), plugin, config, steps, prefix)
         steps.step = seat.cycle
         yield seat, steps

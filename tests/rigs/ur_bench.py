@@ -167,13 +167,19 @@ class UrBench:
         self.go_home()
         self.log.__init__()  # type: ignore[misc]
 
+    def is_home(self) -> bool:
+        return bool(np.allclose(self.q(), HOME, rtol=0.0, atol=1e-4))
+
     def go_home(self) -> None:
-        assert self.arm.move_jp(HOME).wait(LONG)
-        eventually(lambda: np.allclose(self.q(), HOME, rtol=0.0, atol=1e-4), "home")
+        if not self.is_home():
+            assert self.arm.move_jp(HOME).wait(LONG)
+            eventually(self.is_home, "home")
         self.arm.hold()  # or its last setpoint goes on being held
         self.cycles(3)  # in which that is carried out
         eventually(lambda: self.device.takes_setpoints, "it has stopped")
         self.until_still()
+        if not self.is_home():  # it was about to move, which could not be seen yet
+            self.go_home()
 
     # The arm
 

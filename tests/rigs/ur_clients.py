@@ -10,6 +10,7 @@ import sys
 import time
 
 from crtk_sim_backends.process import loopback_addresses
+from rigs.waiting import LONG
 
 SIZES = {
     "BOOL": "?",
@@ -35,9 +36,6 @@ PORTS = {
     "interpreter": 30020,
 }
 
-PATIENCE = 30.0
-"""Seconds that anything may take on a busy machine."""
-
 
 def own_address():
     """Return a loopback address that no simulator has: a user may have one running at any, also 127.0.0.1."""
@@ -50,7 +48,7 @@ def own_address():
 class TcpClient:
     """A blocking connection with a deadline for everything."""
 
-    def __init__(self, host, port, timeout=PATIENCE):
+    def __init__(self, host, port, timeout=LONG):
         self.socket = socket.create_connection((host, PORTS.get(port, port)), timeout)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -101,7 +99,7 @@ class TcpClient:
 class RtdeClient(TcpClient):
     """RTDE, one request after the other."""
 
-    def __init__(self, host, protocol=2, timeout=PATIENCE):
+    def __init__(self, host, protocol=2, timeout=LONG):
         super().__init__(host, "rtde", timeout)
         self.protocol = 1
         self.types = []
@@ -158,7 +156,7 @@ class RtdeClient(TcpClient):
     def write_data(self, recipe, format_, *values):
         self.write("U", bytes([recipe]) + struct.pack(">" + format_, *values))
 
-    def wait_for(self, condition, seconds=PATIENCE):
+    def wait_for(self, condition, seconds=LONG):
         """Read data packages until one fulfils the condition, and return it."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
@@ -171,7 +169,7 @@ class RtdeClient(TcpClient):
 class DashboardClient(TcpClient):
     """One line out, one line in."""
 
-    def __init__(self, host, timeout=PATIENCE):
+    def __init__(self, host, timeout=LONG):
         super().__init__(host, "dashboard", timeout)
         self.greeting = self.line()
 
@@ -189,7 +187,7 @@ class DashboardClient(TcpClient):
 class InterpreterClient(TcpClient):
     """One line out, one line in."""
 
-    def __init__(self, host, timeout=PATIENCE):
+    def __init__(self, host, timeout=LONG):
         super().__init__(host, "interpreter", timeout)
 
     def line(self):
@@ -206,7 +204,7 @@ class InterpreterClient(TcpClient):
 class PrimaryClient(TcpClient):
     """Frames of the primary and secondary ports."""
 
-    def __init__(self, host, port="primary", timeout=PATIENCE):
+    def __init__(self, host, port="primary", timeout=LONG):
         super().__init__(host, port, timeout)
 
     def frame(self):
@@ -214,7 +212,7 @@ class PrimaryClient(TcpClient):
         size, kind = struct.unpack(">iB", self.read(5))
         return kind, self.read(size - 5)
 
-    def message(self, kind, seconds=PATIENCE):
+    def message(self, kind, seconds=LONG):
         """Body of the next robot message of a kind, without its header."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
@@ -240,7 +238,7 @@ def subpackages(body):
     return parts
 
 
-def wait_until(condition, seconds=PATIENCE, pause=0.01):
+def wait_until(condition, seconds=LONG, pause=0.01):
     """Poll a condition with a deadline; return its last value."""
     deadline = time.monotonic() + seconds
     while not (value := condition()):

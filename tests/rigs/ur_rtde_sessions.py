@@ -20,7 +20,7 @@ def distance(a, b):
     return max(abs(x - y) for x, y in zip(a, b, strict=True))
 
 
-def wait_until(condition, seconds=10.0):
+def wait_until(condition, seconds=60.0):
     deadline = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > deadline:

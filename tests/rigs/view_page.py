@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from websockets.sync.client import connect
 
-LONG = 30.0
+from rigs.waiting import LONG
 
 
 class ViewPage:

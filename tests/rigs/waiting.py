@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-LONG = 30.0
-"""Seconds that anything may take on a busy machine before a test gives up."""
+LONG = 60.0
+"""Seconds that anything may take to start or to arrive before a test gives up: no promise of a driver."""
 
 
 def eventually(

@@ -17,26 +17,24 @@ from crtk_drivers.cli import main
 from crtk_drivers.client import move_handle, survey
 from crtk_drivers.client.teleop import loop as teleoperation
 from crtk_drivers.front import base
+from rigs.waiting import LONG
 
 if TYPE_CHECKING:
     from rigs.loopback_node import Rig
 
 Run = Callable[..., tuple[int, str, str]]
 
-PATIENCE = 10.0
-"""Seconds that what comes soon, for users, may take on a busy machine."""
-
 
 @pytest.fixture(scope="session", autouse=True)
 def patient_client() -> Iterator[None]:
     """Let a client wait longer for what it waits for unless a call says otherwise."""
     with (
-        patch.object(base, "DEFAULT_WAIT", PATIENCE),
-        patch.object(base, "QUERY_TIMEOUT", PATIENCE),
-        patch.object(move_handle, "ACCEPT_TIMEOUT", PATIENCE),
-        patch.object(survey, "STATUS_TIME", PATIENCE),
-        patch.object(survey, "REPORT_TIME", PATIENCE),
-        patch.object(teleoperation, "STAND_TIMEOUT", PATIENCE),
+        patch.object(base, "DEFAULT_WAIT", LONG),
+        patch.object(base, "QUERY_TIMEOUT", LONG),
+        patch.object(move_handle, "ACCEPT_TIMEOUT", LONG),
+        patch.object(survey, "STATUS_TIME", LONG),
+        patch.object(survey, "REPORT_TIME", LONG),
+        patch.object(teleoperation, "STAND_TIMEOUT", LONG),
     ):
         yield
 

@@ -21,8 +21,8 @@ from crtk_sim_backends.ndi import SIM as NDI
 from crtk_sim_backends.netft import SIM as NETFT
 from crtk_sim_backends.process import RunningSim
 from crtk_sim_backends.ur import SIM as UR
+from rigs.waiting import LONG
 
-LONG = 30.0
 SIMS: dict[str, tuple[Any, dict[str, Any], str]] = {
     "can": (CAN, {}, "bus_off"),
     "canopen": (CANOPEN, {}, "bus_off"),

@@ -28,8 +28,8 @@ from crtk_drivers.testing.loopback import LoopbackDevice
 from crtk_sim_backends.page.device import PAGE
 from crtk_sim_backends.page.server import PERIOD
 from crtk_sim_backends.page.source import LIVE, SCENE
+from rigs.waiting import LONG
 
-LONG = 30.0
 DEGREES = 180.0 / np.pi
 
 

@@ -22,8 +22,7 @@ from crtk_sim_backends.kit import (
     SimStartError,
     TcpDoor,
 )
-
-PATIENCE = 30.0
+from rigs.waiting import LONG
 
 
 class Lamp:
@@ -81,7 +80,7 @@ def running(**options):
         thread = threading.Thread(target=made.run)
         thread.start()
         stack.callback(made.close)
-        stack.callback(thread.join, PATIENCE)
+        stack.callback(thread.join, LONG)
         stack.callback(made.stop)
         yield made
 
@@ -100,7 +99,7 @@ def control(server):
 
 @pytest.fixture
 def peer(server):
-    with socket.create_connection((server.host, server.ports["lamp"]), PATIENCE) as made:
+    with socket.create_connection((server.host, server.ports["lamp"]), LONG) as made:
         yield made
 
 
@@ -123,14 +122,14 @@ def take(peer, size):
 
 def take_line(fd, size):
     data = b""
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + LONG
     while len(data) < size and select.select([fd], [], [], max(0.0, end - time.monotonic()))[0]:
         data += os.read(fd, size)
     return data
 
 
 def let_pass(control, ticks):
-    begin, end = control.status()["ticks"], time.monotonic() + PATIENCE
+    begin, end = control.status()["ticks"], time.monotonic() + LONG
     while control.status()["ticks"] < begin + ticks:
         assert time.monotonic() < end
 
@@ -153,10 +152,10 @@ def test_a_line_without_an_end_is_forgotten(peer):
 
 def test_more_clients_than_there_may_be_are_sent_away(server, peer):
     address = server.host, server.ports["lamp"]
-    with socket.create_connection(address, PATIENCE) as second:
+    with socket.create_connection(address, LONG) as second:
         second.sendall(b"a\n")
         assert take(second, 7) == b"a True\n"
-        with socket.create_connection(address, PATIENCE) as third:
+        with socket.create_connection(address, LONG) as third:
             assert third.recv(1) == b""
 
 
@@ -172,7 +171,7 @@ def test_what_is_sent_to_all_reaches_all(server, peer, line):
 
 
 def test_what_is_sent_to_one_reaches_that_one_alone(server, peer):
-    with socket.create_connection((server.host, server.ports["lamp"]), PATIENCE) as other:
+    with socket.create_connection((server.host, server.ports["lamp"]), LONG) as other:
         for each, name in ((peer, b"a\n"), (other, b"b\n")):
             each.sendall(name)
             take(each, 7)
@@ -185,7 +184,7 @@ def test_what_is_sent_to_one_reaches_that_one_alone(server, peer):
 def test_a_call_comes_once_when_its_time_has_come(server):
     called, began = [], time.monotonic()
     server.after(0.05, lambda: called.append(time.monotonic() - began))
-    end = began + PATIENCE
+    end = began + LONG
     while not called:
         assert time.monotonic() < end
     assert called[0] >= 0.05
@@ -214,10 +213,10 @@ def test_disconnect_closes_connections_and_takes_none_until_it_is_cleared(server
     control.inject("disconnect", port="lamp")
     assert peer.recv(1) == b""
     address = server.host, server.ports["lamp"]
-    with socket.create_connection(address, PATIENCE) as other:
+    with socket.create_connection(address, LONG) as other:
         assert other.recv(1) == b""
     control.clear("disconnect")
-    with socket.create_connection(address, PATIENCE) as other:
+    with socket.create_connection(address, LONG) as other:
         other.sendall(b"a\n")
         assert take(other, 7) == b"a True\n"
 
@@ -236,7 +235,7 @@ def test_no_answer_is_for_new_connections(server, control, peer):
     peer.sendall(b"a\n")
     take(peer, 7)
     control.inject("no_answer")
-    with socket.create_connection((server.host, server.ports["lamp"]), PATIENCE) as mute:
+    with socket.create_connection((server.host, server.ports["lamp"]), LONG) as mute:
         mute.sendall(b"b\n")
         peer.sendall(b"b\n")
         assert take(peer, 7) == b"b True\n"
@@ -313,7 +312,7 @@ def test_a_fault_file_is_played(tmp_path):
         running(faults=str(path)) as server,
         closing(ControlClient(server.host, server.ports["control"])) as c,
     ):
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + LONG
         while not ((status := c.status())["lit"] and server.lamp.outages):
             assert time.monotonic() < end
         assert status["time"] >= 0.1

@@ -19,8 +19,8 @@ from crtk_sim_backends.netft import SIM as NETFT
 from crtk_sim_backends.process import RunningSim
 from crtk_sim_backends.ur import SIM as UR
 from crtk_sim_backends.watching import pictures
+from rigs.waiting import LONG
 
-LONG = 30.0
 SIMS: dict[str, tuple[Any, dict[str, Any]]] = {
     "can": (CAN, {"socketcand_port": 0, "bitrate": 500_000}),
     "canopen": (CANOPEN, {"nodes": 2, "axes": 2}),

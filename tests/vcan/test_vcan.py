@@ -11,8 +11,7 @@ import pytest
 
 from crtk_sim_backends.can import SIM
 from crtk_sim_backends.canopen import SIM as DRIVES
-
-WAIT = 15.0
+from rigs.waiting import LONG
 
 pytestmark = pytest.mark.skipif(
     "vcan0" not in {name for _, name in socket.if_nameindex()}, reason="there is no vcan0"
@@ -24,7 +23,7 @@ def frame(can_id=0x123, data=b"\x01\x02"):
 
 
 def until(condition):
-    deadline = time.monotonic() + WAIT
+    deadline = time.monotonic() + LONG
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.005)
@@ -51,7 +50,7 @@ def test_the_interface_crtk_is_as_socketcan():
                     )
                 )
                 seen[interface] = [
-                    [describe(bus.recv(WAIT)) for _ in range(count)] + [bus.recv(0.05)]
+                    [describe(bus.recv(LONG)) for _ in range(count)] + [bus.recv(0.05)]
                     for bus, count in ((one, 1), (other, 2), (own, 2))
                 ]
     assert seen["crtk"] == seen["socketcan"]
@@ -83,7 +82,7 @@ def test_an_interface_that_is_down_gives_the_same_error():
 def codes_of(bus):
     """Error codes of a wait, of sending, and what a second wait brings."""
     with pytest.raises(can.CanOperationError) as receiving:
-        bus.recv(WAIT)
+        bus.recv(LONG)
     with pytest.raises(can.CanOperationError) as sending:
         bus.send(frame())
     return receiving.value.error_code, sending.value.error_code, bus.recv(0.05)
@@ -104,9 +103,9 @@ def test_an_interface_of_the_kernel_joins_the_bus(joined):
     sim, hub, kernel = joined
     for message in (frame(), frame(0x1234567, bytes(8)), frame(0x7FF, b"")):
         hub.send(message)
-        assert kernel.recv(WAIT).equals(message, None, check_channel=False, check_direction=False)
+        assert kernel.recv(LONG).equals(message, None, check_channel=False, check_direction=False)
         kernel.send(message)
-        assert hub.recv(WAIT).equals(message, None, check_channel=False, check_direction=False)
+        assert hub.recv(LONG).equals(message, None, check_channel=False, check_direction=False)
     assert hub.recv(0.05) is None
     assert kernel.recv(0.05) is None
     assert sim.control.status()["nodes"]["vcan0"]["sent"] == 3
@@ -121,11 +120,11 @@ def test_frames_pass_again_when_the_interface_is_back(joined):
     finally:
         ip("set", "vcan0", "up")
     with pytest.raises(can.CanOperationError):
-        kernel.recv(WAIT)
+        kernel.recv(LONG)
     hub.send(frame(0x77))
-    assert kernel.recv(WAIT).arbitration_id == 0x77
+    assert kernel.recv(LONG).arbitration_id == 0x77
     kernel.send(frame(0x78))
-    assert hub.recv(WAIT).arbitration_id == 0x78
+    assert hub.recv(LONG).arbitration_id == 0x78
 
 
 def test_simulated_drives_answer_on_an_interface_of_the_kernel():
@@ -135,7 +134,7 @@ def test_simulated_drives_answer_on_an_interface_of_the_kernel():
         can.Bus(interface="socketcan", channel="vcan0") as kernel,
     ):
         kernel.send(frame(0x601, bytes.fromhex("4000100000000000")))
-        while (answer := kernel.recv(WAIT)).arbitration_id != 0x581:
+        while (answer := kernel.recv(LONG)).arbitration_id != 0x581:
             pass
         assert answer.data[:4] == bytes.fromhex("43001000")
         assert answer.data[4:6] == (402).to_bytes(2, "little")
@@ -154,10 +153,10 @@ def test_the_real_slcand_makes_an_interface_of_a_terminal():
             with can.Bus(interface="socketcan", channel="slc7") as kernel:
                 for message in (frame(), frame(0x1234567, bytes(8)), frame(0x7FF, b"")):
                     hub.send(message)
-                    assert kernel.recv(WAIT).equals(message, None, check_channel=False)
+                    assert kernel.recv(LONG).equals(message, None, check_channel=False)
                     kernel.send(message)
-                    assert hub.recv(WAIT).equals(message, None, check_channel=False)
+                    assert hub.recv(LONG).equals(message, None, check_channel=False)
             assert sim.control.status()["nodes"]["slcan"]["missed"] == 0
         finally:
             daemon.terminate()
-            daemon.wait(WAIT)
+            daemon.wait(LONG)

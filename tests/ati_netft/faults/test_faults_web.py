@@ -109,7 +109,7 @@ def test_without_its_web_server_the_scale_comes_over_tcp(box) -> None:
 
 
 def test_a_family_that_was_known_is_not_forgotten_with_the_web_page() -> None:
-    with netft_bench(profile="axia", load=LOAD_TEXT) as bench:
+    with netft_bench({"sample_timeout": 1.0}, profile="axia", load=LOAD_TEXT) as bench:
         assert bench.note("web page") is None
         bench.sim.control.inject("closed", port="http")
         bench.sim.control.inject("stall")

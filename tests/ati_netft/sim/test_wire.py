@@ -15,7 +15,8 @@ import pytest
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.netft import SIM, ConfigError, RunningSim, SimStartError
 from crtk_sim_backends.netft.injection import KINDS
-from rigs.netft_clients import FREE_PORTS, LONG, RdtClient, ask_tcp, eventually, page, request, tags
+from rigs.netft_clients import FREE_PORTS, RdtClient, ask_tcp, page, request, tags
+from rigs.waiting import LONG, eventually
 
 LOAD = "constant:1,-2,3,0.1,-0.2,0.3"
 COUNTS = (1_000_000, -2_000_000, 3_000_000, 100_000, -200_000, 300_000)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import json
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +23,9 @@ from crtk_driver_ati_netft.recording import (
 )
 from crtk_drivers.errors import ConfigError
 from rigs.full_disk import largest_file
+from rigs.waiting import LONG, eventually
 
 HEADER = {"host": "192.168.1.1", "sensor": {"serial": "FT\n1"}}
-LONG = 20.0
 
 
 def block(count: int, first: int = 1) -> Block:
@@ -46,13 +44,6 @@ def block(count: int, first: int = 1) -> Block:
 def bits(measurements: Block) -> bytes:
     """All of them, exactly."""
     return measurements.astype(RECORD).tobytes()
-
-
-def eventually(test: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + LONG
-    while not test():
-        assert time.monotonic() < deadline, f"never: {what}"
-        time.sleep(0.002)
 
 
 @pytest.fixture

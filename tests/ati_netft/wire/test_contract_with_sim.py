@@ -34,7 +34,7 @@ class TestNetFtWithSim(DeviceContract):
         """Its driver; an OnRobot sensor cannot be asked what it is."""
         profile, self.sim = box
         named = {"profile": "onrobot"} if profile == "onrobot" else {}
-        yield Session(PLUGIN, configuration(self.sim, **named))
+        yield Session(PLUGIN, configuration(self.sim, sample_timeout=1.0, **named))
         self.sim.control.clear()
 
     def break_link(self, session: Session) -> None:

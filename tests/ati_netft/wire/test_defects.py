@@ -15,9 +15,13 @@ RATE = 500
 RAW = {"sensor": {"rdt_rate": RATE, "filter_code": 0}}
 
 
-def forces(bench: NetFtBench) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (n,) in s and wrenches (n, 6) of every measurement of a second."""
-    block = bench.record(1.0)
+STEADY = 0.2
+"""Seconds, in place of one, for what is the same in every measurement."""
+
+
+def forces(bench: NetFtBench, seconds: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (n,) in s and wrenches (n, 6) of every measurement of so long."""
+    block = bench.record(seconds)
     return (block["stamp"] - block["stamp"][0]) * 1e-9, block["wrench"]
 
 
@@ -37,12 +41,12 @@ def slope(bench: NetFtBench) -> float:
 
 
 def along_x(bench: NetFtBench) -> float:
-    return float(forces(bench)[1][:, 0].mean())
+    return float(forces(bench, STEADY)[1][:, 0].mean())
 
 
 def left_by_bias(bench: NetFtBench) -> float:
     bench.front.sensor_bias()
-    return float(forces(bench)[1][:, 2].mean())
+    return float(forces(bench, STEADY)[1][:, 2].mean())
 
 
 @dataclass(frozen=True)

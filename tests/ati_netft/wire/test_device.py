@@ -24,17 +24,9 @@ from crtk_drivers.samples import Wrench, vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
 from rigs.netft_peer import Peer, record
+from rigs.waiting import LONG, eventually
 
-LONG = 20.0
 SCALE = {"counts_per_force": 1e6, "counts_per_torque": 1e6}
-
-
-def eventually(test: Callable[[], object], what: str) -> Any:
-    deadline = time.monotonic() + LONG
-    while not (found := test()):
-        assert time.monotonic() < deadline, f"never: {what}"
-        time.sleep(0.002)
-    return found
 
 
 class Log(Observer):

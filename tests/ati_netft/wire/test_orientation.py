@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -22,8 +21,8 @@ from crtk_drivers.geometry.quaternions import matrix_from_quaternion, quaternion
 from crtk_drivers.samples import Pose, vector
 from crtk_drivers.session import Session
 from rigs.netft_peer import Peer
+from rigs.waiting import LONG, eventually
 
-LONG = 20.0
 MASS = 2.0
 UPRIGHT = [0, 0, 0, 0, 0, 0, 1]
 SETTINGS = {
@@ -35,14 +34,6 @@ SETTINGS = {
     "sample_timeout": 2.0,
     "orientation_timeout": 1.0,
 }
-
-
-def eventually(test: Callable[[], object], what: str) -> Any:
-    deadline = time.monotonic() + LONG
-    while not (found := test()):
-        assert time.monotonic() < deadline, f"never: {what}"
-        time.sleep(0.002)
-    return found
 
 
 class Rig:

@@ -57,12 +57,12 @@ def test_a_unit_changed_is_noticed_also_where_the_scale_is_typed_in() -> None:
 
 def test_over_tcp_without_a_page_the_scale_is_asked_for_again() -> None:
     typed = {"counts_per_force": 1e6, "counts_per_torque": 1e6}
-    config = {"page_period": 0.1, "http": False, "scale": typed, "transport": "tcp"}
+    config = {"page_period": 0.05, "http": False, "scale": typed, "transport": "tcp"}
     with netft_bench(config, load=LOAD_TEXT) as bench:
         bench.until_load(LOAD, tolerance=0.05)
         bench.front.enable()
         received = bench.counter("received")
-        eventually(lambda: bench.counter("received") > received + 200, "goes on")
+        eventually(lambda: bench.counter("received") > received + 100, "goes on")
         bench.state(OperatingState.ENABLED)
         set_on_page(bench, "cfgfu=1")
         bench.was(OperatingState.FAULT, "scale")
@@ -86,7 +86,7 @@ def test_a_page_that_contradicts_itself_is_a_fault_until_it_does_not() -> None:
 
 
 def test_a_web_server_that_fails_is_told_and_ends_nothing() -> None:
-    with netft_bench({"page_period": 0.1, "http_timeout": 1.0}, load=LOAD_TEXT) as bench:
+    with netft_bench({"page_period": 0.1, "http_timeout": 0.5}, load=LOAD_TEXT) as bench:
         bench.front.enable()
         for answer in ("server_error", "no_http", "cut_off", "silent"):
             bench.sim.control.inject("web_answer", answer=answer)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,9 @@ from crtk_drivers.session import Session
 from rigs.full_disk import largest_file
 from rigs.netft_peer import Peer
 from rigs.programs import COMMAND
+from rigs.waiting import LONG, eventually
 from rigs.warm_start import Process, server
 
-LONG = 20.0
 RATE = 2000.0
 SETTINGS = {
     "http": False,
@@ -37,14 +37,6 @@ SETTINGS = {
     "bias": (1.0, 0.0, 0.0, 0.0, 0.0, 0.5),
     "sample_timeout": 2.0,  # a busy machine is no lost link
 }
-
-
-def eventually(test: Callable[[], object], what: str) -> Any:
-    deadline = time.monotonic() + LONG
-    while not (found := test()):
-        assert time.monotonic() < deadline, f"never: {what}"
-        time.sleep(0.002)
-    return found
 
 
 def assert_no_gaps(data: np.ndarray) -> None:

@@ -17,6 +17,7 @@ from crtk_driver_ati_netft.settings import SensorSettings
 from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.errors import ProtocolError
 from crtk_drivers.samples import vector
+from rigs.waiting import LONG
 
 
 class Box(HTTPServer):
@@ -92,7 +93,7 @@ def box() -> Iterator[Box]:
 
 @pytest.fixture
 def web(box) -> WebPages:
-    return WebPages("127.0.0.1", box.server_address[1], timeout=10.0)
+    return WebPages("127.0.0.1", box.server_address[1], timeout=LONG)
 
 
 def written(box: Box) -> list[str]:

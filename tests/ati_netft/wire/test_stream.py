@@ -28,10 +28,9 @@ from crtk_drivers.kit.sensing.datagrams import (
 from crtk_drivers.kit.sensing.sequence import Event
 from crtk_drivers.samples import vector
 from rigs.netft_peer import Peer, record
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 FACTORS = vector([1e-6] * 3 + [1e-3] * 3)
-LONG = 10.0
 
 
 def soon(seconds: float = LONG) -> float:

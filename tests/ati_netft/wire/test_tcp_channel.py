@@ -24,11 +24,15 @@ from crtk_driver_ati_netft.tools import RecordOptions
 from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_drivers.samples import Wrench
+from rigs.waiting import LONG
 
 SCALE = bytes.fromhex("1234 02 03 000F4240 000F4240 000A 000A 000A 0014 0014 0014")
 READING = bytes.fromhex("1234 8002 0064 FF9C 0001 0032 FFCE 0002")
 
 SCALE_TYPED = {"counts_per_force": 1e6, "counts_per_torque": 1e6}
+
+TRIED = 4.0
+"""Seconds for a connection of which half is waited out, as no UDP comes: the other half is for TCP."""
 
 Answer = Callable[[bytes], list[bytes]]
 
@@ -119,7 +123,7 @@ def test_a_late_reply_is_waited_for_and_not_asked_for_again() -> None:
 
     def slow(request: bytes) -> list[bytes]:
         if request[0] == 0:
-            release.wait(10.0)
+            release.wait(LONG)
         return normal(request)
 
     with sensor(slow) as (port, requests):
@@ -159,7 +163,7 @@ def test_a_bias_that_is_asked_for_while_an_answer_is_awaited_goes_with_the_next_
     def slow(request: bytes) -> list[bytes]:
         if request[0] == 0:
             held.set()
-            release.wait(10.0)
+            release.wait(LONG)
         return normal(request)
 
     with sensor(slow) as (port, requests):
@@ -170,7 +174,7 @@ def test_a_bias_that_is_asked_for_while_an_answer_is_awaited_goes_with_the_next_
             held.clear()
             release.clear()
             assert stream.receive(soon(0.05)) is None
-            assert held.wait(10.0)
+            assert held.wait(LONG)
             stream.request(Action.BIAS)
             release.set()
             assert stream.receive(soon()) is not None
@@ -238,7 +242,7 @@ def test_waiting_can_be_ended() -> None:
             assert time.monotonic() < deadline
             time.sleep(0.002)
         stream.abort()
-        thread.join(10.0)
+        thread.join(LONG)
         assert not thread.is_alive()
         assert "given up" in str(failed[0])
 
@@ -275,7 +279,7 @@ def device_at(tcp_port: int, **values: Any) -> NetFtDevice:
 def test_a_sensor_without_web_page_and_udp_is_measured_over_tcp(caplog) -> None:
     with sensor() as (port, _):
         device = device_at(port)
-        device.open(soon())
+        device.open(soon(TRIED))
         try:
             sample = device.read(soon())
             assert sample is not None
@@ -313,7 +317,7 @@ def test_a_sensor_that_cannot_be_reached_in_any_way_says_what_was_tried() -> Non
         assert "over TCP" in caught.value.message
         typed = device_at(port, http=False, scale=SCALE_TYPED)
         with pytest.raises(ConnectionFailed, match=r"RDT port is closed.*over TCP"):
-            typed.open(soon())
+            typed.open(soon(TRIED))
         device.close()
         typed.close()
 

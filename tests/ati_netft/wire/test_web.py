@@ -11,6 +11,7 @@ import pytest
 from crtk_driver_ati_netft.calibration import LONGEST_PAGE
 from crtk_driver_ati_netft.web import WebPages
 from crtk_drivers.errors import ConnectionFailed, ProtocolError
+from rigs.waiting import LONG
 
 PAGE = (
     b"<netft><cfgcpf>1000000</cfgcpf><cfgcpt>1000000</cfgcpt><scfgfu>N</scfgfu><scfgtu>Nm</scfgtu>"
@@ -22,7 +23,7 @@ Serve = Callable[[socket.socket, threading.Event], None]
 
 
 @contextmanager
-def server(serve: Serve, timeout: float = 10.0) -> Iterator[tuple[WebPages, list[bytes]]]:
+def server(serve: Serve, timeout: float = LONG) -> Iterator[tuple[WebPages, list[bytes]]]:
     """Answer each connection by `serve`; the requests are collected."""
     requests: list[bytes] = []
     ended = threading.Event()
@@ -36,7 +37,7 @@ def server(serve: Serve, timeout: float = 10.0) -> Iterator[tuple[WebPages, list
             except TimeoutError:
                 continue
             with peer:
-                peer.settimeout(5.0)
+                peer.settimeout(LONG)
                 with suppress(ConnectionError):  # the client may have had enough
                     data = b""
                     while b"\r\n\r\n" not in data:

@@ -25,8 +25,8 @@ from crtk_drivers.errors import CommandRefused, MotionAborted, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from rigs.canopen_arm import LISTENING, PERIOD, arm_on, device_of, drives
+from rigs.waiting import LONG
 
-SOON = 20.0
 COUNT = 3
 FAR = 2.0
 CYCLES = 6
@@ -34,9 +34,9 @@ CYCLES = 6
 
 
 def until(condition, what: str) -> None:
-    end = time.monotonic() + SOON
+    end = time.monotonic() + LONG
     while not condition():
-        assert time.monotonic() < end, f"not within {SOON:g} s: {what}"
+        assert time.monotonic() < end, f"not within {LONG:g} s: {what}"
         time.sleep(0.005)
 
 
@@ -77,7 +77,7 @@ class Bench:
 
     def enables(self) -> bool:
         try:
-            self.arm.enable(SOON)
+            self.arm.enable(LONG)
         except (TransitionFailed, CommandRefused):
             return False
         return True
@@ -97,7 +97,7 @@ class Bench:
         """The state is FAULT with these words, the move is over, and all joints come to rest."""
         until(lambda: self.state() == "FAULT", "it is in FAULT")
         with pytest.raises(MotionAborted):
-            move.wait(SOON)
+            move.wait(LONG)
         for word in words:
             until(lambda word=word: word in self.detail(), f"{word!r} in {self.detail()!r}")
         until(self.still, "all stand")
@@ -117,7 +117,7 @@ class Bench:
         self.cycles()
         np.testing.assert_allclose(self.revolutions(), before, atol=0.1)
         goal = self.arm.setpoint_js().position + 0.02
-        self.arm.move_jp(goal).wait(SOON)
+        self.arm.move_jp(goal).wait(LONG)
         until(lambda: np.abs(self.arm.measured_js().position - goal).max() < 1e-2, "it is there")
 
 
@@ -245,7 +245,7 @@ def test_enabling_at_once_after_a_fault_in_motion_cuts_off_no_ramp(bench: Bench)
     bench.inject("fault", node=2, error="over_current")
     until(lambda: bench.state() == "FAULT", "it is in FAULT")
     with pytest.raises(MotionAborted):
-        move.wait(SOON)
+        move.wait(LONG)
     bench.arm.state_command("enable", 0.0)
 
     def is_enabled() -> bool:
@@ -282,7 +282,7 @@ def test_a_disturbance_does_not_end_a_move(
 ) -> None:
     bench.inject(kind, **parameters)
     goal = bench.arm.setpoint_js().position * 0.5
-    bench.arm.move_jp(goal).wait(SOON)
+    bench.arm.move_jp(goal).wait(LONG)
     until(lambda: np.abs(bench.arm.measured_js().position - goal).max() < 1e-2, "it is there")
     assert bench.state() == "ENABLED"
 
@@ -305,7 +305,7 @@ def test_disable_in_motion_takes_the_power_after_the_joints_stand(
             return min(abs(drive["velocity"]) for drive in bench.drives()) > 1e4
 
         until(runs, "it moves")
-    bench.arm.disable(SOON)
+    bench.arm.disable(LONG)
     drives_now = bench.drives()
     assert not any(drive["powered"] for drive in drives_now)
     assert max(abs(drive["velocity"]) for drive in drives_now) < 1e4
@@ -326,7 +326,7 @@ def test_a_mode_that_a_drive_does_not_take_is_a_fault_that_enable_removes(bench:
 
 
 def test_enable_that_is_given_up_leaves_no_drive_that_gets_power_later(bench: Bench) -> None:
-    bench.arm.disable(SOON)
+    bench.arm.disable(LONG)
     bench.inject("supply_off", node=2)
     bench.arm.state_command("enable", 0.0)
     until(lambda: bench.drives()[0]["powered"], "the first has power")
@@ -383,7 +383,7 @@ def test_a_drive_that_answers_nothing_is_not_enabled_and_the_others_hold() -> No
         bench.inject("reset", node=3)
         until(lambda: "node 3 has started anew" in bench.detail(), "it says why")
         with pytest.raises(TransitionFailed, match="node 3"):
-            bench.arm.enable(SOON)
+            bench.arm.enable(LONG)
         sim.control.clear()
         bench.enable()
 
@@ -447,8 +447,8 @@ def test_a_drive_that_has_started_anew_is_not_homed_any_more() -> None:
         try:
             arm._session.start()
             until(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
-            arm.enable(SOON)
-            arm.home(SOON)
+            arm.enable(LONG)
+            arm.home(LONG)
             assert arm.is_homed()
             sim.control.inject("reset", node=1)
             until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
@@ -466,19 +466,19 @@ def test_homing_begins_after_motion_has_ended_and_its_end_by_disable_stops_it() 
         try:
             arm._session.start()
             until(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
-            arm.enable(SOON)
+            arm.enable(LONG)
 
             def runs() -> bool:
                 arm.servo_jv([1.0])
                 return abs(bench.drives()[0]["velocity"]) > 1e3
 
             until(runs, "it moves")
-            arm.home(SOON)
+            arm.home(LONG)
             assert arm.is_homed()
-            arm.unhome(SOON)
+            arm.unhome(LONG)
             arm.state_command("home", 0.0)
             until(lambda: bench.drives()[0]["mode"] == 6, "it homes")
-            arm.disable(SOON)
+            arm.disable(LONG)
             assert not bench.drives()[0]["powered"]
             until(bench.still, "it stands")
         finally:
@@ -497,7 +497,7 @@ def test_a_second_master_refuses_to_start_and_does_not_disturb_the_first(
     bench: Bench, keys: dict[str, Any], heard: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(arm_link, "LEAST_LISTENING", LISTENING)
-    move = bench.start_moving()
+    move = bench.start_moving(0.5)  # which takes longer than the other one listens
     other = LocalDevice(Session(PLUGIN, arm_on(bench.sim, COUNT, **keys)))
     try:
         other._session.start()
@@ -506,7 +506,7 @@ def test_a_second_master_refuses_to_start_and_does_not_disturb_the_first(
         assert not other.engine.connected
     finally:
         other.close()
-    move.wait(SOON)
+    move.wait(LONG)
     assert bench.state() == "ENABLED"
 
 
@@ -581,4 +581,4 @@ def test_drives_stop_by_themselves_when_the_driver_is_killed_or_frozen(number: i
             np.testing.assert_allclose(bench.revolutions(), before, atol=0.05)
         finally:
             program.kill()
-            program.wait(SOON)
+            program.wait(LONG)

@@ -147,7 +147,7 @@ def test_a_drive_that_is_heard_again_before_fault_catches_up_within_its_limits(
             sim.control.inject("silent", node=1, duration=SILENT)
             until(lambda: link.cycle.ages[0] * PERIOD > LOST_TIME, "it is silent")
             looks: list[tuple[float, float, float]] = []  # before, where, after
-            while not looks or looks[-1][0] < looks[0][0] + SILENT + 1.5:
+            while not looks or looks[-1][0] < looks[0][0] + SILENT + 1.0:
                 before = time.monotonic()
                 looks.append((before, joints(sim)[0], time.monotonic()))
             # Over so long that a busy machine does not count.

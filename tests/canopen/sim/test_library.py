@@ -13,9 +13,9 @@ from canopen.sdo import SdoAbortedError
 from crtk_sim_backends.canopen.drive import Drive, DriveConfig, eds_of
 from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.plant import MotorConfig
+from rigs.waiting import LONG
 
 NODE = 3
-WAIT = 20.0  # s; the longest that anything may take
 
 
 class Adapter:
@@ -74,13 +74,13 @@ def adapter(network):
 @pytest.fixture
 def node(network, adapter):
     remote = network.add_node(NODE, str(PUBLISHED))
-    remote.sdo.RESPONSE_TIMEOUT = WAIT
+    remote.sdo.RESPONSE_TIMEOUT = LONG
     remote.nmt.state = "PRE-OPERATIONAL"
     return remote
 
 
 def until(condition):
-    deadline = time.monotonic() + WAIT
+    deadline = time.monotonic() + LONG
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.002)
@@ -138,7 +138,7 @@ def test_network_management_and_heartbeat(node):
     node.sdo[0x1017].raw = 20
     for state in ("OPERATIONAL", "STOPPED", "PRE-OPERATIONAL"):
         node.nmt.state = state
-        until(lambda state=state: node.nmt.wait_for_heartbeat(WAIT) == state)
+        until(lambda state=state: node.nmt.wait_for_heartbeat(LONG) == state)
 
 
 def test_reset_boots(node):
@@ -207,7 +207,7 @@ def test_drive_turns_with_synchronous_pdos(node, network):
         node.rpdo[1]["Target position"].raw = target
         node.rpdo[1].transmit()
         network.sync.transmit()
-        assert received.wait(WAIT)
+        assert received.wait(LONG)
         return struct.unpack("<Hi", bytes(node.tpdo[1].data))
 
     position = cycle(0, 0)[1]

@@ -15,10 +15,9 @@ from crtk_sim_backends.canopen.drive import Drive, DriveConfig, eds_of
 from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.injection import ERRORS, KINDS
 from crtk_sim_backends.control import ControlError
+from rigs.waiting import LONG
 
 pytestmark = pytest.mark.usefixtures("cold_start")
-
-WAIT = 20.0  # s; the longest that anything may take
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +36,7 @@ class Master:
         data = bytes.fromhex(data) if isinstance(data, str) else data
         self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
 
-    def wait(self, identifier, seconds=WAIT):
+    def wait(self, identifier, seconds=LONG):
         """Data of the next frame with an identifier, None when it does not come."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
@@ -46,7 +45,7 @@ class Master:
                 return bytes(message.data)
         return None
 
-    def sdo(self, node, request, seconds=WAIT):
+    def sdo(self, node, request, seconds=LONG):
         self.send(0x600 + node, request)
         answer = self.wait(0x580 + node, seconds)
         return None if answer is None else answer.hex(" ")
@@ -70,7 +69,7 @@ def master(sim):
 
 
 def until(condition):
-    deadline = time.monotonic() + WAIT
+    deadline = time.monotonic() + LONG
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
         time.sleep(0.002)
@@ -243,7 +242,7 @@ def test_block_upload_does_not_delay_process_data():
             master.send(0x601, "a300000000000000")  # 127 segments of 6 ms each
             segments = between = 0
             while segments < 127:
-                identifier = bus.recv(WAIT).arbitration_id
+                identifier = bus.recv(LONG).arbitration_id
                 segments += identifier == 0x581
                 between += identifier == 0x181
             assert between >= 3
@@ -436,7 +435,7 @@ def test_module_runs_alone_and_tells_how_to_connect(tmp_path):
     )
     lines = [process.stdout.readline() for _ in range(4)]
     process.terminate()
-    process.communicate(timeout=WAIT)
+    process.communicate(timeout=LONG)
     assert process.returncode == 0
     assert "1 simulated CANopen drives" in lines[0]
     assert any("interface='crtk'" in line for line in lines)

@@ -39,10 +39,10 @@ from crtk_driver_canopen.ports import MessagePort
 from crtk_driver_canopen.sdo import ObjectIgnored, Sdo, SdoAborted, SdoSilent
 from crtk_drivers.errors import ConfigError, ConnectionFailed, DataTimeout, DeviceError
 from rigs.canopen_peer import ScriptedBus
+from rigs.waiting import LONG
 
 STATUS = (OBJECTS["statusword"], OBJECTS["position_actual"])
 CONTROL = (OBJECTS["controlword"], OBJECTS["target_position"])
-SOON = 20.0
 
 
 @pytest.fixture
@@ -64,11 +64,11 @@ def link(peers: ScriptedBus) -> Iterator[CanLink]:
 
 @pytest.fixture
 def master(link: CanLink) -> Master:
-    return Master(link, {1: 1.0, 2: 1.0}, sdo_timeout=SOON)
+    return Master(link, {1: 1.0, 2: 1.0}, sdo_timeout=LONG)
 
 
 def deadline() -> float:
-    return time.monotonic() + SOON
+    return time.monotonic() + LONG
 
 
 # Opening
@@ -166,7 +166,7 @@ def test_what_was_asked_before_a_reconnect_is_not_written_after_it(
     sdo.write(OBJECTS["target_position"], -5)
 
     def write() -> None:
-        is_open.wait(SOON)
+        is_open.wait(LONG)
         try:
             sdo.write(OBJECTS["target_position"], 7)
         except DeviceError as error:
@@ -177,7 +177,7 @@ def test_what_was_asked_before_a_reconnect_is_not_written_after_it(
     master.close()
     link.close()
     link.open()
-    again = Master(link, sdo_timeout=SOON)
+    again = Master(link, sdo_timeout=LONG)
     assert Sdo(again.sdo(1)).read(OBJECTS["position_actual"]) == 100
     is_open.set()
     assert again.poll(deadline(), lambda: not thread.is_alive()) or not thread.is_alive()
@@ -381,7 +381,7 @@ def test_nothing_is_sent_before_the_sync(peers: ScriptedBus) -> None:
     link = CanLink(address(peers.channel), lambda frame: sent.append(frame.can_id))
     with closing(link):
         link.open()
-        cycle = started(Master(link, node=100, sdo_timeout=SOON, period=1e-6))
+        cycle = started(Master(link, node=100, sdo_timeout=LONG, period=1e-6))
         sent.clear()
         assert run(cycle)
         assert sent[:2] == [0x080, 0x764]
@@ -477,7 +477,7 @@ def test_a_sync_that_somebody_else_times_begins_the_cycle(peers: ScriptedBus) ->
     """The kernel's, on SocketCAN; here python-can's own thread plays that part."""
     with closing(CanLink(address(peers.channel, receive_own_messages=True))) as link:
         link.open()
-        master = Master(link, sdo_timeout=SOON)
+        master = Master(link, sdo_timeout=LONG)
         tpdos, rpdos = groups()
         for each in (*tpdos.pdos, *rpdos.pdos):
             configure(Sdo(master.sdo(each.node)), each)
@@ -591,7 +591,7 @@ def test_frames_are_logged_as_candump_does(peers: ScriptedBus, tmp_path: Path) -
         closing(CanLink(address(peers.channel), log.put)) as link,
     ):
         link.open()
-        sdo = Sdo(Master(link, sdo_timeout=SOON).sdo(1))
+        sdo = Sdo(Master(link, sdo_timeout=LONG).sdo(1))
         assert sdo.read(OBJECTS["serial_number"]) == 1001
     lines = [line.split() for line in path.read_text().splitlines()]
     assert [line[1:] for line in lines] == [

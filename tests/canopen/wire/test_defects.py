@@ -61,10 +61,10 @@ def mean_of(arm: LocalDevice, name: str = "position") -> np.ndarray:
     return found
 
 
-def go(arm: Any, joint: int, position: float) -> list[tuple[JointState, Stamp]]:
-    """Move a joint, and return what was measured until it stood."""
+def go(arm: Any, joints: list[int], positions: Any) -> list[tuple[JointState, Stamp]]:
+    """Move joints, and return what was measured until they stood."""
     goal = np.array(arm.setpoint_js().position)
-    goal[joint] = position
+    goal[joints] = positions
     found: list[tuple[JointState, Stamp]] = []
 
     def keep() -> None:
@@ -80,7 +80,9 @@ def go(arm: Any, joint: int, position: float) -> list[tuple[JointState, Stamp]]:
 
         def stands() -> bool:
             last = found[-STANDS:]
-            return len(found) >= there and all(abs(s.velocity[joint]) <= 0.01 for s, _ in last)
+            return len(found) >= there and all(
+                (abs(s.velocity[joints]) <= 0.01).all() for s, _ in last
+            )
 
         until(stands, "it stands")
     finally:
@@ -95,8 +97,9 @@ def test_a_position_is_noisy(arm: LocalDevice) -> None:
 
 
 def test_an_effort_has_the_wrong_sign(arm: LocalDevice) -> None:
-    for joint, sign in ((WRONG_WAY, -1.0), (SOUND, 1.0)):
-        found = go(arm, joint, float(arm.setpoint_js().position[joint]) + 0.5)
+    joints = [WRONG_WAY, SOUND]
+    found = go(arm, joints, arm.setpoint_js().position[joints] + 0.5)
+    for joint, sign in zip(joints, (-1.0, 1.0), strict=True):
         effort = np.array([state.effort[joint] for state, _ in found])
         velocity = np.array([state.velocity[joint] for state, _ in found])
         fast = np.abs(velocity) > 0.5 * np.abs(velocity).max()
@@ -106,18 +109,18 @@ def test_an_effort_has_the_wrong_sign(arm: LocalDevice) -> None:
 
 @pytest.mark.slow  # test_joint_defects.py has it without a driver
 def test_what_is_measured_stays_behind_the_motor(arm: LocalDevice) -> None:
-    for joint, apart in ((LOOSE, 4.0 / GEAR), (SOUND, 0.0)):
-        rests = []
-        for came_from in (-0.5, 0.5):
-            go(arm, joint, came_from)
-            go(arm, joint, 0.0)
-            rests.append(mean_of(arm)[joint])
-        assert rests[1] - rests[0] == pytest.approx(apart, abs=5e-3)
+    joints, rests = [LOOSE, SOUND], []
+    for came_from in (-0.5, 0.5):
+        go(arm, joints, came_from)
+        go(arm, joints, 0.0)
+        rests.append(mean_of(arm)[joints])
+    assert rests[1] - rests[0] == pytest.approx((4.0 / GEAR, 0.0), abs=5e-3)
 
 
 def test_a_velocity_is_too_great(arm: LocalDevice) -> None:
-    for joint, factor in ((FAST, 1.5), (SOUND, 1.0)):
-        found = go(arm, joint, float(arm.setpoint_js().position[joint]) + 1.0)
+    joints = [FAST, SOUND]
+    found = go(arm, joints, arm.setpoint_js().position[joints] + 1.0)
+    for joint, factor in zip(joints, (1.5, 1.0), strict=True):
         positions = np.array([state.position[joint] for state, _ in found])
         velocities = np.array([state.velocity[joint] for state, _ in found])
         slopes = np.diff(positions) / np.diff([stamp.monotonic for _, stamp in found])
@@ -128,8 +131,7 @@ def test_a_velocity_is_too_great(arm: LocalDevice) -> None:
 
 
 def test_a_joint_rests_beside_its_setpoint(arm: LocalDevice) -> None:
-    for joint in (ASIDE, SOUND):
-        go(arm, joint, 0.2)
+    go(arm, [ASIDE, SOUND], 0.2)
     off = mean_of(arm) - np.array(arm.setpoint_js().position)
     assert off[ASIDE] == pytest.approx(2.0 / GEAR, abs=3e-3)
     assert abs(off[SOUND]) < 3e-3

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crtk_driver_canopen import PLUGIN
+from crtk_driver_canopen import PLUGIN, statemachine
 from crtk_driver_canopen.modes import OpMode
+from crtk_driver_canopen.statemachine import TIMEOUTS
 from crtk_drivers.errors import CommandRefused, ConfigError, MotionAborted, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
@@ -18,6 +19,13 @@ from crtk_sim_backends.process import RunningSim
 from rigs.canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, stream, until
 
 COUNT = 3
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No drive is given more than a second for what it does at once, or not at all."""
+    timeouts = {number: min(1.0, seconds) for number, seconds in TIMEOUTS.items()}
+    monkeypatch.setattr(statemachine, "TIMEOUTS", timeouts)
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +93,7 @@ def test_it_stays_disabled_until_somebody_enables_it(sim: RunningSim) -> None:
         assert all(axis.failure == "" for axis in device_of(arm).axes)
 
 
+@pytest.mark.usefixtures("impatient")
 def test_drives_with_safe_torque_off_are_reached_and_say_why_they_cannot_be_enabled(
     sim: RunningSim,
 ) -> None:
@@ -127,6 +136,7 @@ def test_a_fault_of_one_joint_is_named_and_the_others_do_what_is_configured(
         assert arm.operating_state().state == "ENABLED"
 
 
+@pytest.mark.usefixtures("impatient")
 def test_a_fault_that_stays_is_not_enabled_over(sim: RunningSim) -> None:
     with arm_of(arm_on(sim, COUNT)) as arm:
         arm.enable(SOON)

@@ -32,9 +32,10 @@ from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConnectionFailed, ProtocolError
 from crtk_sim_backends.canopen import SIM
 from crtk_sim_backends.process import RunningSim
+from rigs.canopen_arm import start_anew
+from rigs.waiting import LONG
 
 PERIOD = 0.005
-SOON = 20.0
 PATIENT = {"ours_timeout": 2.0, "drives_timeout": 2.0}
 """The test is the driver: it, or a drive, may get no time for a while."""
 
@@ -50,7 +51,7 @@ def sim(drives: RunningSim) -> Iterator[RunningSim]:
     """The simulated drives, without faults and started anew."""
     yield drives
     drives.control.clear()
-    drives.control.inject("reset")
+    start_anew(drives)
 
 
 def arm(sim: RunningSim, joint: dict[str, Any] | None = None, **keys: Any) -> CanopenConfig:
@@ -88,7 +89,7 @@ class Rig:
             for each in self.prepared.values()
         ]
         self.cycle = Cycle(self.master, self.layout.tpdos, self.layout.rpdos, SentSync(link))
-        self.master.command_and_wait(NmtCommand.START, config.nodes, time.monotonic() + SOON)
+        self.master.command_and_wait(NmtCommand.START, config.nodes, time.monotonic() + LONG)
         self.cycle.start()
         self.targets: list[int] | None = None
         self.mode = int(config.joints["joint_1"].op_modes[0])
@@ -125,7 +126,7 @@ class Rig:
         self.cycle.send(values)
 
     def until(self, done: Callable[[], bool]) -> None:
-        end = time.monotonic() + SOON
+        end = time.monotonic() + LONG
         while not done():
             assert time.monotonic() < end, [(d.state, d.failure) for d in self.drives]
             self.step()
@@ -210,7 +211,7 @@ def test_a_clock_that_is_set_back_delays_nothing(
         while not jumped.is_set():
             link.receive(0.2)
         clock.join()
-        assert Sdo(Master(link, sdo_timeout=SOON).sdo(1)).read(OBJECTS["serial_number"]) == 1
+        assert Sdo(Master(link, sdo_timeout=LONG).sdo(1)).read(OBJECTS["serial_number"]) == 1
 
 
 def test_a_fault_stops_one_and_is_reset_by_an_edge(
@@ -239,7 +240,7 @@ def test_profile_positions_are_handed_over(make: Callable[..., Rig]) -> None:
     for _ in range(2):  # the second one is where the first one ended
         rig.targets = [target, rig.column("position_actual")[1]]
         handshake.start()
-        end = time.monotonic() + SOON
+        end = time.monotonic() + LONG
         while handshake.phase is not HandshakePhase.REACHED:
             assert time.monotonic() < end, (handshake.phase, handshake.failure)
             rig.drives[0].mode_bits = handshake.step(rig.drives[0].statusword, time.monotonic())
@@ -255,7 +256,7 @@ def test_homing_twice(make: Callable[..., Rig]) -> None:
         homings = [Homing(37), Homing(37)]
         for homing in homings:
             homing.start()
-        end = time.monotonic() + SOON
+        end = time.monotonic() + LONG
         while not all(homing.over for homing in homings):
             assert time.monotonic() < end
             shown = rig.column("mode_of_operation_display")
@@ -363,7 +364,7 @@ def test_a_late_answer_is_never_taken_for_another(sim: RunningSim) -> None:
     config = arm(sim)
     with closing(CanLink(bus_address(config))) as link:
         link.open()
-        patient = Sdo(Master(link, sdo_timeout=SOON).sdo(1))
+        patient = Sdo(Master(link, sdo_timeout=LONG).sdo(1))
         names = ("device_type", "feed", "product_code")
         right = {name: patient.read(OBJECTS[name]) for name in names}
         hasty = Sdo(Master(link, sdo_timeout=0.03).sdo(1))
@@ -375,14 +376,14 @@ def test_a_late_answer_is_never_taken_for_another(sim: RunningSim) -> None:
                 assert "node 1: read of" in str(error)  # noqa: PT017 - or it is told
         sim.control.clear()
         link.poll(time.monotonic() + 0.1)
-        patient = Sdo(Master(link, sdo_timeout=SOON).sdo(1))
+        patient = Sdo(Master(link, sdo_timeout=LONG).sdo(1))
         assert {name: patient.read(OBJECTS[name]) for name in names} == right
 
 
 def test_the_configuration_is_written_once(make: Callable[..., Rig]) -> None:
     rig = make()
     rig.master.command_and_wait(
-        NmtCommand.PRE_OPERATIONAL, rig.config.nodes, time.monotonic() + SOON
+        NmtCommand.PRE_OPERATIONAL, rig.config.nodes, time.monotonic() + LONG
     )
     sdo = Sdo(rig.master.sdo(1))
     assert sdo.read(OBJECTS["interpolation_period_value"]) == 5

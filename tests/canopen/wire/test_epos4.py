@@ -22,7 +22,7 @@ from crtk_drivers.errors import CrtkError
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import SOON, arm_of, device_of, drives, patient_arm_on, until
+from rigs.canopen_arm import SOON, arm_of, device_of, drives, patient_arm_on, start_anew, until
 
 TURN = 2.0 * np.pi
 JOINT: dict[str, Any] = {
@@ -47,14 +47,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSim]:
 @pytest.fixture
 def sim(shared: RunningSim) -> RunningSim:
     """The drives as they come up."""
-    shared.control.inject("reset")
-    until(
-        lambda: (
-            {each["nmt"] for each in shared.control.status()["drives"].values()}
-            == {"pre_operational"}
-        ),
-        "they are up",
-    )
+    start_anew(shared)
     return shared
 
 

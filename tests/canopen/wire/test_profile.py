@@ -24,6 +24,8 @@ COUNT = 2
 PP: dict[str, Any] = {"modes": ("pp",)}
 BOTH: dict[str, Any] = {"modes": ("csp", "pp", "csv")}
 PROFILE_VELOCITY, PROFILE_ACCELERATION = 0x6081, 0x6083
+REACH_TIME = "crtk_driver_canopen.motion.REACH_TIME", 1.0
+"""Seconds that a joint may stand in a move, in place of three."""
 
 
 @pytest.fixture(scope="module")
@@ -202,13 +204,16 @@ def _number(value: float) -> Any:
     return Number(value)
 
 
-def test_a_slow_move_is_not_taken_for_one_that_stands(sim: RunningSim) -> None:
+def test_a_slow_move_is_not_taken_for_one_that_stands(
+    sim: RunningSim, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(*REACH_TIME)
     with arm_of(patient_arm_on(sim, COUNT, PP)) as arm:
         arm.enable(SOON)
         arm.move_jp([0.0, 0.0]).wait(SOON)
         arm.engine.submit("trajectory_j/set_ratio_v", _number(0.005))
-        arm.move_jp([0.04, 0.02]).wait(SOON)  # takes longer than a joint may stand
-        assert near(arm, [0.04, 0.02])
+        arm.move_jp([0.016, 0.008]).wait(SOON)  # takes longer than a joint may stand
+        assert near(arm, [0.016, 0.008])
 
 
 def test_a_drive_that_refuses_its_profile_ends_the_move_with_the_reason(sim: RunningSim) -> None:
@@ -225,7 +230,10 @@ def test_a_drive_that_refuses_its_profile_ends_the_move_with_the_reason(sim: Run
         assert near(arm, [0.3, 0.1])
 
 
-def test_a_drive_that_cannot_get_there_ends_the_move(sim: RunningSim) -> None:
+def test_a_drive_that_cannot_get_there_ends_the_move(
+    sim: RunningSim, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(*REACH_TIME)
     with arm_of(patient_arm_on(sim, COUNT, PP)) as arm:
         arm.enable(SOON)
         arm.move_jp([0.0, 0.0]).wait(SOON)
@@ -307,15 +315,16 @@ def test_the_arms_own_trajectory_is_used_unless_the_drives_are_to_plan(whole: Ru
         until(lambda: moves(whole), "it moves")
         assert all(axis.mode is OpMode.CSP for axis in device_of(arm).axes)
         move.wait(SOON)
+        arm.trajectory_j.set_ratio_v(1.0)
         arm.move_jp([0.0, 0.0]).wait(SOON)
 
 
 def test_hold_in_a_trajectory_slows_down_within_the_limits(whole: RunningSim) -> None:
     with arm_of(patient_arm_on(whole, COUNT, {"acceleration": 4.0})) as arm:
         arm.enable(SOON)
-        arm.move_jp([-1.0, -1.0]).wait(SOON)
-        arm.move_jp([2.0, 2.0])
-        until(lambda: arm.measured_js().position.min() > -0.7, "it moves")
+        arm.move_jp([0.0, 0.0]).wait(SOON)
+        arm.move_jp([2.8, 2.8])
+        until(lambda: arm.measured_js().position.min() > 0.3, "it moves")
         until(lambda: arm.measured_js().velocity.min() > 1.0, "it is at speed")
         before = arm.measured_js().position
         counters = device_of(arm).link.counters

@@ -9,7 +9,7 @@ import pytest
 import serial
 
 from crtk_sim_backends.copley import SIM, RunningSim
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 IN_MOTION = 1 << 27
 ABORTED = 1 << 14
@@ -28,7 +28,7 @@ def shared() -> Iterator[RunningSim]:
 def line(shared: RunningSim) -> Iterator[serial.Serial]:
     """A program at the line of drives that have just been switched on."""
     shared.control.call("place")
-    with serial.Serial(shared.ttys["serial"], 9600, timeout=10.0) as opened:
+    with serial.Serial(shared.ttys["serial"], 9600, timeout=LONG) as opened:
         yield opened
 
 
@@ -129,7 +129,7 @@ def test_a_goal_may_change_on_the_way(ask: Ask) -> None:
 def test_answers_take_the_time_of_the_line() -> None:
     with (
         SIM.spawn(nodes=1, line_time=True) as sim,
-        serial.Serial(sim.ttys["serial"], 9600, timeout=10.0) as line,
+        serial.Serial(sim.ttys["serial"], 9600, timeout=LONG) as line,
     ):
         begun = time.monotonic()
         for _ in range(5):

@@ -24,8 +24,8 @@ from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 from crtk_drivers.kit.axes import AxesDevice
 from crtk_drivers.samples import vector
 from rigs.copley_bench import ONE, joints
+from rigs.waiting import LONG
 
-SOON = 10.0
 RATE = b"v 115200\r"
 
 
@@ -42,7 +42,7 @@ class Drive:
         """Return the next command, without the ends before it."""
         data = b""
         while not data.endswith(b"\r") or not data.strip(b"\r\0"):
-            assert select.select([self._master], [], [], SOON)[0], "nothing was said"
+            assert select.select([self._master], [], [], LONG)[0], "nothing was said"
             data += os.read(self._master, 1)
         return data.strip(b"\r\0").decode()
 
@@ -108,7 +108,7 @@ def answered(drive: Drive, line: Line, command: str, answer: bytes) -> None:
     """The next command is this one, and is answered."""
     assert drive.heard() == command
     drive.say(answer)
-    end = time.monotonic() + SOON
+    end = time.monotonic() + LONG
     while line._asked is not None and line._asked.text == command:
         assert time.monotonic() < end
         line.pump(time.monotonic() + 0.005)
@@ -129,7 +129,7 @@ class Taken:
         self._line.ask(text, take, once=once)
 
     def until(self, condition: Callable[[], object]) -> None:
-        end = time.monotonic() + SOON
+        end = time.monotonic() + LONG
         while not condition():
             assert time.monotonic() < end
             self._line.pump(time.monotonic() + 0.005)

@@ -18,6 +18,7 @@ from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
 from rigs.scripted_engine import PERIOD, Rig, jf, jp, two_joints
+from rigs.waiting import LONG
 
 S = OperatingState
 
@@ -196,14 +197,14 @@ def test_a_move_that_ends_while_it_is_still_being_accepted_leaves_nothing_busy(
 
     def take_it() -> object:
         client.start()
-        assert lies_there.wait(10.0)
+        assert lies_there.wait(LONG)
         return take()
 
     monkeypatch.setattr(rig.told, "latched", accepted_so_far)
     monkeypatch.setattr(rig.engine._arbiter, "take", take_it)
     rig.cycle()
     has_cycled.set()
-    client.join(10.0)
+    client.join(LONG)
     assert rig.told.busy[-2:] == [True, False]
 
 

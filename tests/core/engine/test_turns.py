@@ -5,8 +5,7 @@ import threading
 import pytest
 
 from crtk_drivers.engine.turns import Turns
-
-LONG = 10.0
+from rigs.waiting import LONG
 
 
 def test_what_holds_already_is_not_waited_for():

@@ -15,6 +15,7 @@ from crtk_drivers.options import LimitPolicy
 from crtk_drivers.samples import JointState, vector
 from crtk_drivers.state import OperatingState
 from rigs.scripted_engine import Rig, SlideAndTurn, jp, jv, pose, two_joints
+from rigs.waiting import LONG
 
 S = OperatingState
 SLOW = 5
@@ -157,14 +158,14 @@ def test_what_ends_it_while_its_way_is_looked_for_wins(
 
     def slowly(solver: SlideAndTurn, *arguments: Any) -> Any:
         asked.append(threading.current_thread())
-        assert go_on.wait(10.0)
+        assert go_on.wait(LONG)
         return solve(solver, *arguments)
 
     monkeypatch.setattr(SlideAndTurn, "inverse", slowly)
     until(rig, lambda: bool(asked))
     end(rig)
     go_on.set()
-    asked[0].join(10.0)
+    asked[0].join(LONG)
     until(rig, lambda: not rig.engine.status.is_busy)
     rig.cycle(20)
     assert rig.written == []

@@ -25,6 +25,7 @@ from crtk_drivers.samples import JointState, Pose, Twist, Wrench, vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
+from rigs.waiting import LONG
 
 
 @pytest.fixture
@@ -80,10 +81,10 @@ def test_the_readme_example(arm: LocalDevice) -> None:
     arm.enable()
     assert arm.is_enabled()
     goal = arm.setpoint_js().position + 0.05
-    assert arm.move_jp(goal).wait(5.0)
+    assert arm.move_jp(goal).wait(LONG)
     assert arm.setpoint_jp() == pytest.approx(goal)
     assert arm.goal_js().position == pytest.approx(goal)
-    assert arm.wait_for_busy(False, 5.0)
+    assert arm.wait_for_busy(False, LONG)
     assert not arm.is_busy()
     arm.disable()
     assert arm.operating_state().state is OperatingState.DISABLED
@@ -189,7 +190,7 @@ def test_an_instant_of_busy_is_not_missed(arm: LocalDevice) -> None:
             arm.move_jp([9.0] * 4)
     waiting.join()
     assert seen == [True]
-    assert arm.wait_for_busy(False, 5.0)
+    assert arm.wait_for_busy(False, LONG)
     assert not arm.wait_for_busy(True, 0.01)
 
 

@@ -22,18 +22,17 @@ from crtk_drivers.kit import (
     until,
 )
 from crtk_drivers.kit.waiting_steps import LATE_LOOKS
-
-PATIENCE = 20.0
+from rigs.waiting import LONG
 
 
 def soon() -> float:
-    return time.monotonic() + PATIENCE
+    return time.monotonic() + LONG
 
 
 @pytest.fixture
 def listener():
     with socket.create_server(("127.0.0.1", 0)) as made:
-        made.settimeout(PATIENCE)
+        made.settimeout(LONG)
         yield made
 
 
@@ -49,7 +48,7 @@ def peer(listener, transport):
     transport.open(soon())
     accepted, _ = listener.accept()
     with accepted:
-        accepted.settimeout(PATIENCE)
+        accepted.settimeout(LONG)
         yield accepted
 
 
@@ -63,7 +62,7 @@ def test_bytes_go_both_ways(transport, peer):
 def test_a_read_ends_at_its_deadline(transport, peer):
     began = time.monotonic()
     assert transport.read(began + 0.08) == b""
-    assert 0.08 <= time.monotonic() - began < PATIENCE
+    assert 0.08 <= time.monotonic() - began < LONG
 
 
 def test_what_lies_there_is_returned_when_the_deadline_is_past(transport, peer):
@@ -131,7 +130,7 @@ def test_a_full_buffer_is_lost_and_does_not_wait(transport, peer):
 
     with pytest.raises(ConnectionLost, match="gone"):
         fill()
-    assert time.monotonic() - began < PATIENCE
+    assert time.monotonic() - began < LONG
 
 
 def test_what_waits_is_given_up_from_another_thread(transport, peer):
@@ -145,7 +144,7 @@ def test_what_waits_is_given_up_from_another_thread(transport, peer):
 def test_datagrams_are_whole():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
         device.bind(("127.0.0.1", 0))
-        device.settimeout(PATIENCE)
+        device.settimeout(LONG)
         transport = UdpTransport(*device.getsockname())
         transport.open(soon())
         transport.write(b"start")
@@ -274,7 +273,7 @@ def test_a_worker_carries_out_requests_in_order_and_wakes_who_waits():
         worker.submit(number)
     replies = []
     while len(replies) < 2:
-        assert select.select([worker.wake_fd], [], [], PATIENCE)[0]
+        assert select.select([worker.wake_fd], [], [], LONG)[0]
         replies += worker.take_replies()
     assert replies == [4, 9]
     assert worker.take_replies() == []
@@ -293,11 +292,11 @@ def test_a_worker_that_waits_is_interrupted():
     worker = RequestWorker(wait, "waits", interrupt=free.set)
     worker.start()
     worker.submit(None)
-    assert waits.wait(PATIENCE)
+    assert waits.wait(LONG)
     began = time.monotonic()
     worker.stop()
     worker.join(soon())
-    assert time.monotonic() - began < PATIENCE
+    assert time.monotonic() - began < LONG
 
 
 def test_each_has_its_turn_once_an_interval():
@@ -316,7 +315,7 @@ def test_each_has_its_turn_once_an_interval():
 
 def test_until_ends_with_the_condition_or_the_time():
     left = iter([False, False, True])
-    steps = until(lambda: next(left), PATIENCE)
+    steps = until(lambda: next(left), LONG)
     assert next(steps) is None
     assert next(steps) is None
     with pytest.raises(StopIteration) as ended:

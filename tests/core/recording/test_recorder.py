@@ -12,8 +12,7 @@ from crtk_drivers.recording import McapWriter, Raw, Recorder, Recording
 from crtk_drivers.recording.recorder import CAPACITY_SIZE, TOTALS
 from crtk_drivers.samples import JointState, Number, Pose, Stamp, Text, vector
 from crtk_drivers.state import OperatingState, Status
-
-PATIENCE = 30.0
+from rigs.waiting import LONG
 
 
 @pytest.fixture
@@ -26,7 +25,7 @@ def texts(path):
 
 
 def until(condition):
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + LONG
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.001)
@@ -136,7 +135,7 @@ class Disk:
 
         def pwrite(*args):
             if self.hangs.is_set():
-                self.goes_on.wait(PATIENCE)
+                self.goes_on.wait(LONG)
             if self.is_full:
                 raise OSError(28, "No space left on device")
             return real(*args)
@@ -222,7 +221,7 @@ def test_a_mistake_within_ends_no_thread(path, monkeypatch, caplog):
 
     monkeypatch.setattr(McapWriter, "flush", mistaken)
     recorder.start()
-    broken.wait(PATIENCE)
+    broken.wait(LONG)
     recorder.take("/a", Text("a"), Stamp(1, 1.0))
     recorder.close()
     assert texts(path) == ["a"]

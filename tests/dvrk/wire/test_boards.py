@@ -6,8 +6,8 @@ import socket
 import time
 
 from crtk_driver_dvrk.boards import Boards
+from rigs.waiting import LONG
 
-SOON = 20.0
 FLOOD = 100
 
 
@@ -15,9 +15,9 @@ def test_a_flood_keeps_no_answer_from_its_deadline() -> None:
     """What is there when the time is over is looked at, but not all that somebody goes on sending."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
         peer.bind(("127.0.0.1", 0))
-        peer.settimeout(SOON)
+        peer.settimeout(LONG)
         boards = Boards("127.0.0.1", peer.getsockname()[1], "", 0.02)
-        boards._link.open(time.monotonic() + SOON)
+        boards._link.open(time.monotonic() + LONG)
         label = boards.ask_state(0)
         _, client = peer.recvfrom(200)
         for _ in range(FLOOD):

@@ -15,7 +15,7 @@ from crtk_driver_dvrk.plugin import TYPICAL
 from crtk_driver_dvrk.registers import state_of
 from crtk_sim_backends.dvrk import SIM, RunningSim
 from rigs.dvrk_bench import UNHURRIED, ZERO, boards_of, is_dead
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 MOTORS = read_motors(TYPICAL["io"])
 NODES = {6: 0, 7: 1}
@@ -58,7 +58,7 @@ def look(drive: Drive, boards: Boards) -> tuple[States, float]:
     asked, states = time.monotonic(), {}
     for number, node in NODES.items():
         label = boards.ask_state(node)
-        reply = boards.answer(node, label, time.monotonic() + 10.0)
+        reply = boards.answer(node, label, time.monotonic() + LONG)
         assert reply is not None
         states[number] = state_of(reply.quadlets)
     drive.take(states, asked)

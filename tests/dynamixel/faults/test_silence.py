@@ -7,7 +7,8 @@ import pytest
 
 from crtk_driver_dynamixel.readings import Silences
 from crtk_drivers.errors import ConnectionLost
-from rigs.dynamixel_bench import LONG, WEIGHTLESS, arm_values, eventually, opened, sim_for
+from rigs.dynamixel_bench import WEIGHTLESS, arm_values, opened, sim_for
+from rigs.waiting import LONG, eventually
 
 SILENT = 0.1
 VALUES = arm_values(silent_timeout=SILENT)

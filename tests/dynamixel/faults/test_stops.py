@@ -218,4 +218,4 @@ def test_a_servo_that_is_silent_during_a_stop_holds_by_position_as_the_others_wh
                 bench.until_state("PAUSED")
                 eventually(lambda: bench.device.has_stopped, "it is read back")
                 bench.arm.resume()
-                assert bench.arm.move_jp([0.5, 0, 0, 0, 0, 0]).wait(LONG)
+                assert bench.arm.move_jp([0.2, 0, 0, 0, 0, 0]).wait(LONG)

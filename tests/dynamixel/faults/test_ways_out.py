@@ -5,13 +5,13 @@ import time
 
 import pytest
 
-from crtk_driver_dynamixel import PLUGIN
+from crtk_driver_dynamixel import PLUGIN, stopping
+from crtk_driver_dynamixel.part import LEAVE_TIME
 from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.errors import StopUnconfirmed
 from crtk_drivers.samples import vector
 from rigs.dynamixel_bench import (
     LONG,
-    STOP_TIME,
     SYNC_WRITE,
     WEIGHTLESS,
     arm_values,
@@ -27,6 +27,8 @@ WATCHDOG = 1.0
 """Seconds; the test is the driver, and may get no time for a while."""
 VALUES = arm_values(mode_switch_dwell=0.0)
 MOVING = {"servo_jv": [0.5, 0, 0, 0, 0, 0], "servo_jf": [0.6, 0, 0, 0, 0, 0]}
+SOON = 0.5
+"""Seconds, as for users, in which servos stand, where those are waited out before a port is closed."""
 MOST = 30
 """More messages than a close has."""
 
@@ -109,8 +111,9 @@ def test_one_message_on_the_way_to_a_close(sim, name, effect):
 
 
 @pytest.mark.parametrize("name", MOVING)
-def test_a_stop_that_cannot_be_read_back_is_said_and_the_watchdog_stays(sim, name):
+def test_a_stop_that_cannot_be_read_back_is_said_and_the_watchdog_stays(sim, name, monkeypatch):
     """The wire is deaf from the stop on: the servos stop by themselves, as nobody disarms them."""
+    monkeypatch.setattr(stopping, "STOP_TIME", SOON)
     device = Alone(sim).turning(name)
     sim.control.inject("lost")
     device.stop()
@@ -125,8 +128,9 @@ def test_a_stop_that_cannot_be_read_back_is_said_and_the_watchdog_stays(sim, nam
 
 
 def test_a_driver_that_is_held_up_as_it_closes_sees_that_all_have_stopped(sim, monkeypatch):
+    monkeypatch.setattr(stopping, "STOP_TIME", SOON)
     device = Alone(sim, watchdog=0.0).turning()
-    exchange, held_up = device.link.exchange, [1.2 * STOP_TIME]
+    exchange, held_up = device.link.exchange, [1.2 * LEAVE_TIME]
 
     def late_exchange():
         if held_up:
@@ -163,11 +167,11 @@ def test_a_burst_of_noise_in_motion(sim):
 
 def test_nothing_is_said_on_the_line_to_a_servo_that_may_still_turn(sim):
     """Its watchdog counts every instruction on the line, also those of a driver that has just begun."""
-    first = Alone(sim, watchdog=2.5)
+    first = Alone(sim)
     first.turning()
     first.device.link.close()  # as if its process had died
     assert first.waist["velocity"] > 0.25
-    second = Alone(sim, watchdog=2.5)
+    second = Alone(sim)
     second.device.open(time.monotonic() + LONG)
     try:
         assert abs(second.waist["velocity"]) < 5e-3

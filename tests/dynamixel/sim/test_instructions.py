@@ -28,6 +28,7 @@ from rigs.dynamixel_clients import (
     statuses,
     sync_read,
     wait_until,
+    wire_at,
     write,
 )
 
@@ -42,7 +43,7 @@ SERVOS = "1:xm430-w350,2:xm430-w350,3:xl330-m288,4:xl430-w250,5:2xl430-w250"
 
 @pytest.fixture
 def wire() -> Iterator[Wire]:
-    with running(servos=SERVOS) as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos=SERVOS) as sim, wire_at(sim) as wire:
         yield wire
 
 
@@ -132,7 +133,7 @@ def test_fast_bulk_read(wire: Wire) -> None:
 
 
 def test_only_fast_reads_are_not_stuffed() -> None:
-    with running(servos="1:xm430-w350") as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos="1:xm430-w350") as sim, wire_at(sim) as wire:
         values = struct.pack("<hii", -1, -3, 2048)
         assert hand("FF FF FD") in values
         sim.control.inject("stuffing", id=1)
@@ -151,13 +152,13 @@ def test_a_fast_read_that_one_servo_cannot_do_is_silent(
 
 
 def test_fast_read_needs_the_firmware() -> None:
-    with running(servos="1:xm430-w350@44,2:xm430-w350@45") as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos="1:xm430-w350@44,2:xm430-w350@45") as sim, wire_at(sim) as wire:
         assert wire.ask(sync_read(POSITION, 4, 1, code=0x8A)) == []
         assert len(wire.ask_raw(sync_read(POSITION, 4, 2, code=0x8A), 16)) == 16
 
 
 def test_clear_forgets_full_turns_at_rest() -> None:
-    with running(servos="1:xm430-w350") as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos="1:xm430-w350") as sim, wire_at(sim) as wire:
         wire.ask(write(1, MODE, b"\x04"), 11)
         sim.control.call("place", id=1, angle=20.0)
         turned = 2048 + round(20.0 / 6.283185307179586 * 4096)
@@ -172,19 +173,20 @@ def test_clear_forgets_full_turns_at_rest() -> None:
 
 
 def test_clear_is_taken_as_soon_as_moving_says_that_it_stands() -> None:
-    with running(servos="1:xm430-w350") as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos="1:xm430-w350") as sim, wire_at(sim) as wire:
         wire.ask(write(1, MODE, b"\x04"), 11)
+        sim.control.call("place", id=1, angle=(3100 - 2048) / 4096 * 6.283185307179586)
         wire.ask(write(1, TORQUE, b"\x01"), 11)
-        for _ in range(3):
-            # More than a turn away each time: full turns are forgotten.
-            wire.ask(write(1, GOAL_POSITION, struct.pack("<i", 8000)), 11)
+        for goal in (5100, -996, 5100):
+            # Into another turn each time, half a turn away: that full turn is forgotten.
+            wire.ask(write(1, GOAL_POSITION, struct.pack("<i", goal)), 11)
             wait_until(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x01"))
             wait_until(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x00"))
             assert wire.ask(instruction(1, 0x10, CLEAR), 11) == done(1)
 
 
 def test_turns_are_lost_at_reboot() -> None:
-    with running(servos="1:xm430-w350") as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos="1:xm430-w350") as sim, wire_at(sim) as wire:
         sim.control.call("place", id=1, angle=-7.0)
         (before,) = wire.ask(read(1, POSITION, 4), 15)
         assert struct.unpack("<i", before.data)[0] < -2000
@@ -212,7 +214,7 @@ def test_backup_of_the_control_table(wire: Wire) -> None:
 
 def test_a_shadow_obeys_without_an_answer() -> None:
     servos = "2:xm540-w270,3:xm540-w270&2"
-    with running(servos=servos) as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos=servos) as sim, wire_at(sim) as wire:
         assert wire.ask(write(2, TORQUE, b"\x01")) == done(2)
         assert wire.ask(read(3, TORQUE, 1), 12) == done(3, 0, b"\x01")
         assert wire.ask(write(2, GOAL_POSITION, struct.pack("<i", 2500))) == done(2)
@@ -239,7 +241,7 @@ def test_a_servo_hears_only_its_own_baud_rate(wire: Wire) -> None:
 
 def test_protocol_1_on_the_same_wire() -> None:
     servos = "1:xm430-w350,12:ax-12a,13:mx-64-1.0"
-    with running(servos=servos) as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos=servos) as sim, wire_at(sim) as wire:
 
         def ask(packet: bytes, length: int) -> bytes:
             wire.send(packet)
@@ -268,7 +270,7 @@ def test_protocol_1_on_the_same_wire() -> None:
 
 
 def test_a_servo_of_the_x_series_changes_its_protocol() -> None:
-    with running(servos="1:xm430-w350") as sim, Wire(sim.ttys["bus1"]) as wire:
+    with running(servos="1:xm430-w350") as sim, wire_at(sim) as wire:
         assert wire.ask(write(1, 13, b"\x01"), 11) == done(1)
         assert wire.ask(instruction(1, 0x01)) == []
         wire.send(legacy(1, 0x02, bytes((POSITION, 4))))

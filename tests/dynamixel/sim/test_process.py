@@ -33,6 +33,7 @@ from rigs.dynamixel_clients import (
     wait_until,
     write,
 )
+from rigs.waiting import LONG
 
 pytestmark = pytest.mark.usefixtures("cold_start")
 
@@ -240,7 +241,7 @@ def test_the_banner_tells_the_tty(tmp_path: Path) -> None:
             assert len(wire.ask(PING_1, ANSWER_1)) == 1
     finally:
         process.terminate()
-        process.communicate(timeout=10)
+        process.communicate(timeout=LONG)
     assert process.returncode == 0
     assert not os.path.lexists(link)
 

@@ -8,7 +8,8 @@ from crtk_driver_dynamixel.models import OperatingMode, model_named
 from crtk_driver_dynamixel.turns import Turns, TurnsFile, placed
 from crtk_driver_dynamixel.units import Servo
 from crtk_drivers.errors import ConfigError
-from rigs.dynamixel_bench import COUNT, eventually
+from rigs.dynamixel_bench import COUNT
+from rigs.waiting import eventually
 
 SERVO = Servo(model_named("xm430-w350"), mode=OperatingMode.EXTENDED_POSITION)
 TURN = 4096

@@ -12,17 +12,16 @@ from crtk_driver_dynamixel.bus import ServoLink
 from crtk_driver_dynamixel.replies import Failure
 from rigs.dynamixel_packets import fast_status2, status1, status2
 from rigs.dynamixel_peer import FAST, Peer, open_bus
+from rigs.waiting import LONG
 
-SHORT = 1.0
+SHORT = 0.5
 """Seconds of patience where silence is expected, and answers of a peer that may be held up."""
 BRIEF = 0.3
 """The same where nothing that is expected could come too late."""
 
-WAIT = 20.0
-
 
 @contextmanager
-def bus_on(links=None, *, budget=WAIT, baud=FAST):
+def bus_on(links=None, *, budget=LONG, baud=FAST):
     with Peer() as peer:
         bus = open_bus(peer, links, budget=budget, baud=baud)
         try:
@@ -220,11 +219,12 @@ def test_who_is_silent_again_and_again_is_left_out_and_tried_at_times():
 
 
 def test_a_chain_that_gets_its_power_back_is_found_again():
-    with bus_on(budget=SHORT) as (peer, bus):
+    with bus_on(budget=0.1) as (peer, bus):
         group = bus.sync_group([1, 2], 132, 4)
         for _ in range(groups.LEAVE_OUT_AFTER):
             group.run()
         assert set(group.left_out) == {1, 2}
+        bus.latency_budget = LONG
         peer.answer_all(answers())
         assert set(values(group.run())) == {1}
         assert group.left_out == ()
@@ -258,7 +258,7 @@ def test_a_reply_that_is_owed_cannot_come_behind_those_to_a_later_request():
 def until_complete(group):
     """Run until every servo has brought its data; nothing else may be among them meanwhile."""
     seen = []
-    deadline = time.monotonic() + WAIT
+    deadline = time.monotonic() + LONG
     while not (result := group.run()).complete:
         seen += values(result).values()
         assert time.monotonic() < deadline

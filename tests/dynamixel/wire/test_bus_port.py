@@ -14,8 +14,7 @@ from crtk_driver_dynamixel.bus import Bus
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError
 from crtk_drivers.kit.latency import Latency
 from crtk_drivers.kit.serial_port import SerialPort, stable_name
-
-WAIT = 20.0
+from rigs.waiting import LONG
 
 
 class Terminal:
@@ -32,7 +31,7 @@ class Terminal:
     def hear(self, size):
         data = b""
         while len(data) < size:
-            assert select.select([self.master], [], [], WAIT)[0]
+            assert select.select([self.master], [], [], LONG)[0]
             data += os.read(self.master, 4096)
         return data
 
@@ -58,7 +57,7 @@ def test_bytes_cross_it_as_they_are(terminal):
         os.write(terminal.master, every)
         received = b""
         while len(received) < 256:
-            received += port.read(time.monotonic() + WAIT)
+            received += port.read(time.monotonic() + LONG)
         assert received == every
         assert port.drain() == b""
 
@@ -73,7 +72,7 @@ def test_nothing_comes_before_the_deadline(terminal):
 def test_a_last_look_after_the_deadline(terminal):
     with SerialPort(terminal.name) as port:
         os.write(terminal.master, b"in time")
-        assert select.select([port._fd], [], [], WAIT)[0]
+        assert select.select([port._fd], [], [], LONG)[0]
         assert port.read(time.monotonic() - 1.0) == b"in time"
 
 
@@ -99,7 +98,7 @@ def test_the_rate_can_be_changed(terminal):
             port.set_baud(-1)
         assert port.baud == 57_600
         os.write(terminal.master, b"a")
-        assert port.read(time.monotonic() + WAIT) == b"a"
+        assert port.read(time.monotonic() + LONG) == b"a"
         assert port.read(time.monotonic()) == b""
 
 
@@ -110,7 +109,7 @@ def test_a_long_message_waits_for_the_adapter(terminal):
     with SerialPort(terminal.name) as port:
         reader.start()
         port.write(data)
-        reader.join(WAIT)
+        reader.join(LONG)
     assert heard == [data]
 
 
@@ -171,7 +170,7 @@ def test_a_file_is_no_port(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "use", [lambda port: port.read(time.monotonic() + WAIT), lambda port: port.write(b"a")]
+    "use", [lambda port: port.read(time.monotonic() + LONG), lambda port: port.write(b"a")]
 )
 def test_it_is_unplugged(terminal, use):
     with SerialPort(terminal.name) as port:

@@ -14,17 +14,16 @@ from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilen
 from crtk_drivers.errors import ConnectionLost
 from rigs.dynamixel_packets import status1, status2
 from rigs.dynamixel_peer import Peer, open_bus
+from rigs.waiting import LONG
 
-SHORT = 1.0
+SHORT = 0.5
 """Seconds of patience where silence is expected, and answers of a peer that may be held up."""
 BRIEF = 0.3
 """The same where nothing that is expected could come too late."""
 
-WAIT = 20.0
-
 
 @contextmanager
-def bus_on(links=None, *, budget=WAIT):
+def bus_on(links=None, *, budget=LONG):
     with Peer() as peer:
         bus = open_bus(peer, links, budget=budget)
         try:
@@ -145,7 +144,7 @@ def reply_to_read(request, data):
 
 
 def until_answered(call):
-    deadline = time.monotonic() + WAIT
+    deadline = time.monotonic() + LONG
     while True:
         try:
             return call()

@@ -17,6 +17,7 @@ from crtk_drivers.device import Mode
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
 from crtk_drivers.session import Session
 from rigs.dynamixel_bench import (
+    BOOT_TIME,
     COUNT,
     HARMLESS,
     LONG,
@@ -373,6 +374,8 @@ def test_turns_are_known_after_a_power_off(tmp_path):
             bench.until_still()
         sim.control.inject("power_off")
         sim.control.clear()
+        started = sim.control.status()["time"]
+        eventually(lambda: sim.control.status()["time"] > started + BOOT_TIME, "it starts")
         with driver_at(sim, values) as bench, bench.nothing_moves():
             assert bench.arm.measured_js().position == pytest.approx([8.0], abs=8e-3)
             bench.arm.enable()

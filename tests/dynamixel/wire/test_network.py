@@ -18,9 +18,8 @@ from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError, ConnectionFailed, ConnectionLost, DeviceError
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_sim_backends.dynamixel import SIM, RunningSim
-from rigs.dynamixel_bench import LONG, DynamixelBench, arm_values, driver_at, eventually, sim_for
-
-WAIT = 20.0
+from rigs.dynamixel_bench import DynamixelBench, arm_values, driver_at, sim_for
+from rigs.waiting import LONG, eventually
 
 
 class Server:
@@ -28,13 +27,13 @@ class Server:
 
     def __init__(self) -> None:
         self._listener = socket.create_server(("127.0.0.1", 0))
-        self._listener.settimeout(WAIT)
+        self._listener.settimeout(LONG)
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
         self.client: socket.socket | None = None
 
     def accept(self) -> socket.socket:
         self.client, _ = self._listener.accept()
-        self.client.settimeout(WAIT)
+        self.client.settimeout(LONG)
         return self.client
 
     def close(self) -> None:
@@ -59,7 +58,7 @@ def test_bytes_cross_it_as_they_are(server: Server) -> None:
         client.sendall(every)
         received = b""
         while len(received) < 256:
-            received += port.read(time.monotonic() + WAIT)
+            received += port.read(time.monotonic() + LONG)
         assert received == every
         assert port.drain() == b""
         deadline = time.monotonic() + 0.02
@@ -71,10 +70,10 @@ def test_a_server_that_hangs_up_is_a_lost_line_and_is_found_again(server: Server
     with SerialPort(server.url) as port:
         server.accept().close()
         with pytest.raises(ConnectionLost, match="connection is gone"):
-            port.read(time.monotonic() + WAIT)
+            port.read(time.monotonic() + LONG)
         port.open()
         server.accept().sendall(b"back")
-        assert port.read(time.monotonic() + WAIT) == b"back"
+        assert port.read(time.monotonic() + LONG) == b"back"
 
 
 def test_a_server_that_takes_no_bytes_is_a_lost_line(server: Server) -> None:
@@ -148,12 +147,12 @@ def test_both_ways_lead_to_the_same_servos_and_who_asks_is_answered(sim: Running
 def test_one_client_at_a_time(sim: RunningSim) -> None:
     with SerialPort(url_of(sim)) as first, SerialPort(url_of(sim)) as second:
         with pytest.raises(ConnectionLost, match=r"hung up|reset"):
-            second.read(time.monotonic() + WAIT)
+            second.read(time.monotonic() + LONG)
         first.write(protocol2.ping(1))
-        assert first.read(time.monotonic() + WAIT).startswith(b"\xff\xff\xfd\x00\x01")
+        assert first.read(time.monotonic() + LONG).startswith(b"\xff\xff\xfd\x00\x01")
     with SerialPort(url_of(sim)) as third:
         third.write(protocol2.ping(2))
-        assert third.read(time.monotonic() + WAIT).startswith(b"\xff\xff\xfd\x00\x02")
+        assert third.read(time.monotonic() + LONG).startswith(b"\xff\xff\xfd\x00\x02")
 
 
 def test_nothing_is_lost_of_a_client_that_flushes(sim: RunningSim) -> None:

@@ -19,7 +19,8 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_sim_backends.dynamixel import SIM
 from crtk_sim_backends.process import RunningSim
-from rigs.dynamixel_bench import HARMLESS, LONG, PATIENT, driver_at
+from rigs.dynamixel_bench import HARMLESS, PATIENT, driver_at
+from rigs.waiting import LONG
 
 IDS = "3-5,9"
 """Of the servos, and one that is not there."""

@@ -64,6 +64,7 @@ def test_a_blocked_axis_is_switched_off_by_the_controller_itself(sim: RunningSim
 
 
 def test_a_limit_switch_stops_the_axis_and_it_can_be_moved_away(sim: RunningSim) -> None:
+    sim.control.call("place", counts=20_000)
     with moving(sim, 1.5) as arm:
         fault(arm, "stopped by the forward limit switch or FL (stop code 2)")
         eventually(lambda: stands(sim), "it stands")

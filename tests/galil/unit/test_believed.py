@@ -15,8 +15,7 @@ from crtk_driver_galil.config import GalilConfig
 from crtk_driver_galil.controller import GalilController
 from crtk_driver_galil.plugin import TYPICAL
 from crtk_drivers.config import from_values, load
-
-SOON = 20.0
+from rigs.waiting import LONG
 
 
 def record(sample: int, position: int = 0) -> bytes:
@@ -121,7 +120,7 @@ def at_a_peer() -> Iterator[Wire]:
         place = {"tcp_port": door.getsockname()[1], "udp_port": records.getsockname()[1]}
         config = load(GalilConfig, from_values({**TYPICAL, "host": "127.0.0.1", **place}))
         arm = GalilController(config)
-        soon = time.monotonic() + SOON
+        soon = time.monotonic() + LONG
         arm._commander.open(soon)
         arm._link.open(soon)
         arm._link.write(b"DR 4\r")
@@ -136,7 +135,7 @@ def test_a_record_that_was_held_up_is_stamped_as_old() -> None:
         made = []
         for sample in (4, 8):
             wire.send(sample)
-            counted = wire.arm.exchange(time.monotonic() + SOON).counted
+            counted = wire.arm.exchange(time.monotonic() + LONG).counted
             assert counted is not None
             made.append(counted.stamp.monotonic)
             time.sleep(0.05)  # for which the network keeps the next one
@@ -145,7 +144,7 @@ def test_a_record_that_was_held_up_is_stamped_as_old() -> None:
 
 def test_a_record_that_came_before_the_answer_to_a_stop_tells_nothing_of_it() -> None:
     with at_a_peer() as wire:
-        soon = time.monotonic() + SOON
+        soon = time.monotonic() + LONG
         wire.arm.halt(aside=False)
         assert wire.commands.recv(16) == b"ST ABC\r"
         time.sleep(0.02)  # it is taken late, after this record was made
@@ -166,7 +165,7 @@ def test_a_record_of_before_a_stop_that_comes_after_it_does_not_tell_that_it_was
 ):
     """The network keeps them, and delivers one by one what the axes were before the stop."""
     with at_a_peer() as wire:
-        soon = time.monotonic() + SOON
+        soon = time.monotonic() + LONG
         wire.send(4)
         assert wire.arm.exchange(soon).counted is not None
         wire.arm.halt(aside=False)

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from crtk_driver_galil.commander import Commander
-
-SOON = 20.0
+from rigs.waiting import LONG
 
 
 class Peer:
@@ -34,17 +33,17 @@ class Peer:
 @contextmanager
 def at_a_peer() -> Iterator[tuple[Commander, Peer]]:
     with socket.create_server(("127.0.0.1", 0)) as door:
-        commander = Commander("127.0.0.1", door.getsockname()[1], SOON)
-        commander.open(time.monotonic() + SOON)
+        commander = Commander("127.0.0.1", door.getsockname()[1], LONG)
+        commander.open(time.monotonic() + LONG)
         connection, _ = door.accept()
         with connection:
-            connection.settimeout(SOON)
+            connection.settimeout(LONG)
             yield commander, Peer(connection)
         commander.close()
 
 
 def collect(commander: Commander, until: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + SOON
+    deadline = time.monotonic() + LONG
     while not until():
         assert time.monotonic() < deadline
         commander.collect()

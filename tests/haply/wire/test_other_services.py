@@ -301,7 +301,7 @@ def test_what_speaks_no_websocket(said: bytes) -> None:
                 except TimeoutError:
                     continue
                 with peer:
-                    peer.settimeout(5.0)
+                    peer.settimeout(LONG)
                     peer.recv(4096)
                     peer.sendall(said)
 

@@ -20,7 +20,7 @@ from crtk_drivers.samples import Joy
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.inputs import SIM, RunningSim
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 PEDALS = {"clutch": 30, "coag": 48}
 
@@ -147,7 +147,7 @@ def test_a_daemon_that_sends_no_events_is_left_and_asked_again(tmp_path: Path) -
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
         listener.listen(4)
-        listener.settimeout(10.0)
+        listener.settimeout(LONG)
         session.start()
         try:
             for _ in range(2):

@@ -38,6 +38,15 @@ def bench(sim: RunningSim, request: pytest.FixtureRequest) -> Iterator[NdiBench]
         sim.control.clear()
 
 
+@pytest.fixture(params=TRANSPORTS)
+def hasty(sim: RunningSim, request: pytest.FixtureRequest) -> Iterator[NdiBench]:
+    """The same, of a driver that waits for a frame no longer than a busy machine may need."""
+    with ndi_bench(sim, transport=request.param, sample_timeout=1.0) as made:
+        made.tracking()
+        yield made
+        sim.control.clear()
+
+
 def comes_back(bench: NdiBench) -> None:
     """It connects by itself, is DISABLED, and can be enabled."""
     bench.connected()
@@ -58,18 +67,18 @@ def test_the_cable_is_out(bench: NdiBench) -> None:
     comes_back(bench)
 
 
-def test_it_falls_silent(bench: NdiBench) -> None:
-    bench.sim.control.inject("silence")
-    bench.state(S.FAULT, "old")
-    bench.sim.control.clear("silence")
-    comes_back(bench)
+def test_it_falls_silent(hasty: NdiBench) -> None:
+    hasty.sim.control.inject("silence")
+    hasty.state(S.FAULT, "old")
+    hasty.sim.control.clear("silence")
+    comes_back(hasty)
 
 
-def test_its_frames_stand_still(bench: NdiBench) -> None:
-    bench.sim.control.inject("frozen")
-    bench.state(S.FAULT, "old")
-    bench.sim.control.clear("frozen")
-    comes_back(bench)
+def test_its_frames_stand_still(hasty: NdiBench) -> None:
+    hasty.sim.control.inject("frozen")
+    hasty.state(S.FAULT, "old")
+    hasty.sim.control.clear("frozen")
+    comes_back(hasty)
 
 
 def test_it_is_reset_while_it_tracks(bench: NdiBench) -> None:
@@ -134,12 +143,12 @@ def test_nothing_but_damaged_replies_is_a_lost_link(bench: NdiBench) -> None:
 
 
 @pytest.mark.parametrize("size", [0xFFFFFFFF, 1 << 21, 1000])
-def test_a_length_that_is_a_lie(bench: NdiBench, size: int) -> None:
+def test_a_length_that_is_a_lie(hasty: NdiBench, size: int) -> None:
     """Beyond all sense it is refused at once; a little too long, the rest is waited for in vain."""
-    bench.sim.control.inject("hostile_length", size=size)
-    bench.state(S.FAULT)
-    bench.sim.control.clear("hostile_length")
-    comes_back(bench)
+    hasty.sim.control.inject("hostile_length", size=size)
+    hasty.state(S.FAULT)
+    hasty.sim.control.clear("hostile_length")
+    comes_back(hasty)
 
 
 def test_what_nobody_knows_is_skipped(bench: NdiBench) -> None:
@@ -226,7 +235,8 @@ def test_a_warning_while_it_connects_is_a_success(sim: RunningSim) -> None:
         sim.control.clear()
 
 
-def test_nobody_answers() -> None:
+def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("crtk_driver_ndi.link.PATIENCE", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as deaf, simulated() as sim:
         config = configuration(sim).model_copy(
             update={"host": "127.0.0.1", "tcp_port": deaf.getsockname()[1]}

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from crtk_driver_onrobot import grip
+from crtk_driver_onrobot import grip, registers
 from crtk_drivers.errors import CommandRefused, DeviceError, MotionAborted
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.onrobot import SIM, RunningSim
@@ -54,6 +54,12 @@ def box(sim: RunningSim) -> Iterator[OnRobotBench]:
     """A driver at the Compute Box."""
     with OnRobotBench(sim, configuration(sim)) as bench:
         yield bench
+
+
+@pytest.fixture
+def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have a driver look sooner at what seldom changes: who is there, and with which fingers."""
+    monkeypatch.setattr(registers, "LOOK", 0.1)
 
 
 def gripped(bench: OnRobotBench) -> None:
@@ -164,20 +170,21 @@ def test_a_gripper_that_stays_busy_is_told(box: OnRobotBench) -> None:
 
 
 def test_a_command_that_was_not_sent_when_the_link_was_lost_is_not_sent_later(
-    box: OnRobotBench,
+    sim: RunningSim,
 ) -> None:
-    gripped(box)
-    box.sim.control.inject("unit_silent")
-    box.front.move_jp([0.08])
-    box.state(FAULT)
-    box.sim.control.inject("disconnect")
-    box.sim.control.clear()
-    box.sim.control.inject("object", width=WIDTH)
-    box.connected()
-    before = box.simulated("writes")
-    box.front.enable()
-    box.samples(20)
-    assert box.simulated("writes") == before
+    with OnRobotBench(sim, configuration(sim, sample_timeout=1.0)) as box:
+        gripped(box)
+        sim.control.inject("unit_silent")
+        box.front.move_jp([0.08])
+        box.state(FAULT)
+        sim.control.inject("disconnect")
+        sim.control.clear()
+        sim.control.inject("object", width=WIDTH)
+        box.connected()
+        before = box.simulated("writes")
+        box.front.enable()
+        box.samples(20)
+        assert box.simulated("writes") == before
 
 
 def test_power_that_goes_and_comes_leaves_the_grip_as_it_is(sim: RunningSim) -> None:
@@ -207,6 +214,7 @@ def test_another_model_is_refused(sim: RunningSim) -> None:
         session.front.close()
 
 
+@pytest.mark.usefixtures("looks_often")
 @pytest.mark.parametrize(
     ("kind", "parameters", "text"),
     [
@@ -250,6 +258,7 @@ def test_fingertips_have_a_thickness() -> None:
         assert running.front.measured_js().position[0] == pytest.approx(0.02, abs=0.0005)
 
 
+@pytest.mark.usefixtures("looks_often")
 def test_fingertips_that_leave_no_way_to_go_are_told_and_the_range_is_never_negative() -> None:
     with bench("rg2") as running:
         running.front.enable()

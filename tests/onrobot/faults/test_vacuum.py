@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from crtk_driver_onrobot import vacuum as vacuum_hand
 from crtk_drivers.errors import CommandRefused, DeviceError
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.onrobot import SIM, RunningSim
@@ -119,9 +120,10 @@ def test_a_lost_link_and_a_disable_release_nothing(vacuum: OnRobotBench) -> None
 
 
 def test_a_release_that_is_not_acknowledged_is_told_and_not_sent_later(
-    vacuum: OnRobotBench,
+    vacuum: OnRobotBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     held(vacuum)
+    monkeypatch.setattr(vacuum_hand, "TOLD", 0.3)  # in vain, however long
     vacuum.sim.control.inject("exception", code=6)
     with pytest.raises(DeviceError, match="not acknowledged"):
         vacuum.front.release()

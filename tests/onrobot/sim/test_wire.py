@@ -11,7 +11,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from crtk_sim_backends.onrobot import SIM, RunningSim
 from rigs.onrobot_bench import FREE_PORTS
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 UNIT = 65
 
@@ -23,10 +23,10 @@ def sim() -> Iterator[RunningSim]:
 
 
 MASTERS: dict[str, Callable[[RunningSim], Any]] = {
-    "modbus": lambda sim: ModbusTcpClient(sim.host, port=sim.ports["modbus"], timeout=2),
-    "serial": lambda sim: ModbusSerialClient(sim.ttys["serial"], baudrate=1_000_000, timeout=2),
+    "modbus": lambda sim: ModbusTcpClient(sim.host, port=sim.ports["modbus"], timeout=LONG),
+    "serial": lambda sim: ModbusSerialClient(sim.ttys["serial"], baudrate=1_000_000, timeout=LONG),
     "tool": lambda sim: ModbusTcpClient(
-        sim.host, port=sim.ports["tool"], framer=FramerType.RTU, timeout=2
+        sim.host, port=sim.ports["tool"], framer=FramerType.RTU, timeout=LONG
     ),
 }
 

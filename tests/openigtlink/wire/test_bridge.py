@@ -246,13 +246,12 @@ def test_a_peer_that_takes_nothing_blocks_nobody_and_gets_the_newest(
 
 def test_a_device_that_goes_home_is_held_when_the_peer_is_gone_that_said_so() -> None:
     with (
-        crtk_drivers.connect(
-            "loopback", needs_homing=True, transition_time=2.0, timeout=LONG
-        ) as arm,
+        crtk_drivers.connect("loopback", needs_homing=True, timeout=LONG) as arm,
         served({"arm": arm}) as (_, server),
     ):
         peer, other = (IgtlPeer.connected(server.port) for _ in range(2))
         enabled(peer)
+        arm.engine.device.transition_time = 4.0  # of homing alone
         peer.send("STRING", "arm/state_command", string("home"))
         eventually(arm.is_busy, "it goes home")
         other.close()

@@ -13,7 +13,15 @@ from crtk_drivers.motion.past import Moment
 from crtk_drivers.samples import JointState
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.robotiq import SIM, RunningSim
-from rigs.robotiq_bench import FREE_PORTS, LINKS, RobotiqBench, bench, configuration
+from rigs.robotiq_bench import (
+    AJAR,
+    FREE_PORTS,
+    LINKS,
+    RobotiqBench,
+    activate_anew,
+    bench,
+    configuration,
+)
 from rigs.waiting import LONG, eventually
 
 ENABLED, DISABLED = OperatingState.ENABLED, OperatingState.DISABLED
@@ -35,8 +43,7 @@ def sim(shared: RunningSim) -> Iterator[RunningSim]:
     """A simulated gripper, activated, open, as nobody has used it."""
     shared.control.clear()
     if shared.control.call("status")["state"] != "active":
-        shared.control.inject("deactivated")
-        shared.control.inject("activated")
+        activate_anew(shared)
     shared.control.inject("other_master", position=0)
     eventually(
         lambda: (
@@ -134,8 +141,8 @@ def test_effort_is_what_the_motor_presses_with_and_gone_when_it_rests(sim: Runni
 
 def test_fingers_that_close_further_as_something_is_lost_are_stopped(line: RobotiqBench) -> None:
     line.front.enable()
-    line.front.trajectory_j.set_ratio(0.01)
     assert line.front.move_jp([0.06]).wait(LONG)
+    line.front.trajectory_j.set_ratio(0.01)
     line.sim.control.inject("object", width=0.055)
     assert line.front.move_jp([0.0]).wait(LONG)
     line.grip("holds an object")
@@ -157,11 +164,11 @@ def test_a_stop_leads_nowhere_back(sim: RunningSim) -> None:
         assert isinstance(state, JointState)
         positions.append(float(state.position[0]))
 
-    with RobotiqBench(sim, configuration(sim, link="tool", rate=4.0)) as bench:
+    with RobotiqBench(sim, configuration(sim, link="tool", rate=6.0)) as bench:
         bench.front.enable()
         assert bench.front.move_jp([0.085]).wait(LONG)
         bench.session.engine.keepers = (keep,)
-        bench.front.trajectory_j.set_ratio(0.2)
+        bench.front.trajectory_j.set_ratio(0.3)
         bench.front.move_jp([0.0])
         eventually(lambda: min(positions, default=1.0) < 0.08, "it closes")
         bench.front.hold()
@@ -219,21 +226,23 @@ def test_nothing_on_close_lets_a_motion_go_on_and_says_so() -> None:
 
 
 def test_a_gripper_that_lost_its_power_while_it_held_is_not_opened_by_enable(
-    line: RobotiqBench,
+    sim: RunningSim,
 ) -> None:
     """As by the emergency stop of the arm, which takes the tool's supply."""
-    gripped(line)
-    line.sim.control.inject("unpowered")
-    line.state(FAULT)
-    line.sim.control.clear("unpowered")
-    line.connected()
-    line.state(DISABLED)
-    with pytest.raises(DeviceError, match="may still hold something"):
+    with RobotiqBench(sim, configuration(sim, link="tool", sample_timeout=1.0)) as line:
+        gripped(line)
+        sim.control.inject("reset_widest")
+        sim.control.inject("unpowered")
+        line.state(FAULT)
+        sim.control.clear("unpowered")
+        line.connected()
+        line.state(DISABLED)
+        with pytest.raises(DeviceError, match="may still hold something"):
+            line.front.enable()
+        holds_on(line)
+        assert line.front.activate() == "activated"
         line.front.enable()
-    holds_on(line)
-    assert line.front.activate() == "activated"
-    line.front.enable()
-    assert line.simulated("widest") > 0.08
+        assert line.simulated("widest") > 0.08
 
 
 def test_power_that_was_away_for_a_moment_is_no_activation(line: RobotiqBench) -> None:
@@ -272,8 +281,9 @@ def test_a_stream_that_asks_for_what_is_held_is_told_all_the_while_that_it_is(
 
 def test_the_first_motion_goes_out_though_answers_take_longer_than_a_cycle_has() -> None:
     """It writes rACT, which follows a status: both do not fit into one cycle."""
-    with bench("tool", simulated={"activated": False}) as running:
+    with bench("tool", simulated={"activated": False, "object_width": AJAR}) as running:
         running.front.enable()
+        running.sim.control.inject("object_lost")
         running.sim.control.inject("late", seconds=0.012)
         assert running.front.move_jp([0.03]).wait(LONG)
 
@@ -281,7 +291,8 @@ def test_the_first_motion_goes_out_though_answers_take_longer_than_a_cycle_has()
 @pytest.mark.sweep(3)
 @pytest.mark.parametrize("policy", ["if needed", "always", "never"])
 def test_activation_is_asked_for(policy: str) -> None:
-    with bench(simulated={"activated": False}, activate=policy) as running:
+    soon = {"activated": False, "object_width": AJAR}
+    with bench(simulated=soon, activate=policy) as running:
         running.state(DISABLED)
         assert running.simulated("writes") == 0
         if policy == "never":
@@ -399,18 +410,20 @@ def test_another_model_is_not_activated(line: RobotiqBench) -> None:
 
 
 def test_another_program_on_the_tool_line_takes_answers_away_and_none_is_wrong(
-    line: RobotiqBench,
+    sim: RunningSim,
 ) -> None:
     """As with socat, whose clients share one line: some answers are lost, and no value is made up."""
-    line.front.enable()
-    line.front.move_jp([0.05]).wait(LONG)
-    here = line.front.measured_js().position[0]
-    with RobotiqBench(line.sim, configuration(line.sim, link="tool")) as other:
-        for _ in range(20):
-            line.samples(1)
-            assert line.front.measured_js().position[0] == here
-        assert other.front.measured_js().position[0] == here
-        eventually(lambda: line.counter("missed") > 0, "an answer is lost")
+    config = configuration(sim, link="tool", reply_timeout=0.02)  # what is lost is soon asked again
+    with RobotiqBench(sim, config) as line:
+        line.front.enable()
+        line.front.move_jp([0.05]).wait(LONG)
+        here = line.front.measured_js().position[0]
+        with RobotiqBench(sim, config) as other:
+            for _ in range(20):
+                line.samples(1)
+                assert line.front.measured_js().position[0] == here
+            assert other.front.measured_js().position[0] == here
+            eventually(lambda: line.counter("missed") > 0, "an answer is lost")
 
 
 # -------------------------------------------------------------------------------- faults it reports
@@ -436,6 +449,7 @@ def test_a_major_fault_stops_it_and_enable_activates_anew(
     assert "activated anew" in detail
     assert text in line.front.state.fault()
     line.sim.control.clear("gripper_fault")
+    line.sim.control.inject("object", width=AJAR)
     line.front.enable()
     line.state(ENABLED)
     assert line.front.state.fault() == ""
@@ -505,7 +519,7 @@ def test_a_bad_line_is_lived_with(
 @pytest.mark.sweep(4)
 @pytest.mark.parametrize("link", LINKS)
 def test_a_unit_that_falls_silent_is_a_fault_and_found_again(sim: RunningSim, link: str) -> None:
-    config = configuration(sim, link=link, open_timeout=1.0, sample_timeout=0.5)
+    config = configuration(sim, link=link, open_timeout=0.5, sample_timeout=0.5)
     with RobotiqBench(sim, config) as bench:
         bench.front.enable()
         sim.control.inject("unit_silent")

@@ -14,7 +14,8 @@ from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from crtk_sim_backends.robotiq import SIM, RunningSim
-from rigs.robotiq_bench import FREE_PORTS, eventually
+from rigs.robotiq_bench import AJAR, FREE_PORTS, eventually
+from rigs.waiting import LONG
 
 
 def hexed(text: str) -> bytes:
@@ -41,11 +42,11 @@ def status(sim: RunningSim, name: str) -> Any:
 
 
 MASTERS: dict[str, Callable[[RunningSim], Any]] = {
-    "serial": lambda sim: ModbusSerialClient(sim.ttys["serial"], baudrate=115200, timeout=2),
+    "serial": lambda sim: ModbusSerialClient(sim.ttys["serial"], baudrate=115200, timeout=LONG),
     "tool": lambda sim: ModbusTcpClient(
-        sim.host, port=sim.ports["tool"], framer=FramerType.RTU, timeout=2
+        sim.host, port=sim.ports["tool"], framer=FramerType.RTU, timeout=LONG
     ),
-    "modbus": lambda sim: ModbusTcpClient(sim.host, port=sim.ports["modbus"], timeout=2),
+    "modbus": lambda sim: ModbusTcpClient(sim.host, port=sim.ports["modbus"], timeout=LONG),
 }
 
 
@@ -84,10 +85,17 @@ def test_pymodbus_activates_and_grips(sim: RunningSim, way: str) -> None:
         assert status(sim, "opening") == pytest.approx(0.04, abs=0.003)
 
 
+@pytest.fixture
+def ajar(sim: RunningSim) -> RunningSim:
+    """The same, whose activation soon ends at what lies there, until that is taken away."""
+    sim.control.inject("object", width=AJAR)
+    return sim
+
+
 @contextmanager
 def talk(sim: RunningSim, port: str) -> Iterator[Callable[[bytes, int], bytes]]:
     """Send bytes, and return as many as are expected."""
-    with socket.create_connection((sim.host, sim.ports[port]), timeout=5.0) as peer:
+    with socket.create_connection((sim.host, sim.ports[port]), timeout=LONG) as peer:
 
         def ask(data: bytes, size: int) -> bytes:
             peer.sendall(data)
@@ -99,9 +107,9 @@ def talk(sim: RunningSim, port: str) -> Iterator[Callable[[bytes, int], bytes]]:
         yield ask
 
 
-def test_the_frames_of_pyrobotiqgripper(sim: RunningSim) -> None:
+def test_the_frames_of_pyrobotiqgripper(ajar: RunningSim) -> None:
     """FC4, FC16 of three registers, FC16 of one, FC23 that writes two."""
-    with talk(sim, "tool") as ask:
+    with talk(ajar, "tool") as ask:
         assert ask(hexed("09 10 03E8 0003 06 0000 0000 0000 7330"), 8) == hexed(
             "09 10 03E8 0003 0130"
         )
@@ -114,7 +122,7 @@ def test_the_frames_of_pyrobotiqgripper(sim: RunningSim) -> None:
         assert ask(one + crc(one), 8)[:6] == hexed("09 10 03E8 0001")
         two = hexed("09 17 07D0 0003 03E9 0002 04 00FF FF10")
         assert ask(two + crc(two), 11)[:3] == hexed("09 17 06")
-        assert status(sim, "written") == "09 00 00 ff ff 10"
+        assert status(ajar, "written") == "09 00 00 ff ff 10"
 
 
 def crc(data: bytes) -> bytes:
@@ -165,8 +173,8 @@ def test_clients_of_the_tool_share_one_line(sim: RunningSim) -> None:
     """Half a frame from one and half from the other is a request; the answer goes to either, or to both."""
     question = hexed("09 03 07D0 0001 85CF")
     with (
-        socket.create_connection((sim.host, sim.ports["tool"]), timeout=5.0) as one,
-        socket.create_connection((sim.host, sim.ports["tool"]), timeout=5.0) as other,
+        socket.create_connection((sim.host, sim.ports["tool"]), timeout=LONG) as one,
+        socket.create_connection((sim.host, sim.ports["tool"]), timeout=LONG) as other,
     ):
         eventually(lambda: status(sim, "connections")["tool"] == 2, "both connected")
         heard = {one: b"", other: b""}
@@ -187,47 +195,50 @@ def test_clients_of_the_tool_share_one_line(sim: RunningSim) -> None:
     assert any(len(data) != 7 * data.count(answer) for data in heard.values())
 
 
-def test_text_in_both_dialects(sim: RunningSim) -> None:
-    with talk(sim, "urcap") as ask:
+def test_text_in_both_dialects(ajar: RunningSim) -> None:
+    with talk(ajar, "urcap") as ask:
         assert ask(b"GET STA\n", 6) == b"STA 0\n"
         assert ask(b"SET ACT 1 GTO 0\n", 3) == b"ack"
         eventually(lambda: ask(b"GET STA\n", 6) == b"STA 3\n", "active")
+        ajar.control.clear("object")
         assert ask(b"set SPE 255\n", 3) == b"ack"
         assert ask(b"SET POS 255 FOR 10 GTO 1\n", 3) == b"ack"
         assert ask(b"GET PRE\n", 8) == b"PRE 255\n"
         eventually(lambda: ask(b"GET OBJ", 1) == b"3", "there, as URScript asks")
         assert ask(b"GET FLT", 2) == b"00"
         assert ask(b"GET PRE", 3) == b"255"
-        sim.control.inject("gripper_fault", code=0xB)
+        ajar.control.inject("gripper_fault", code=0xB)
         assert ask(b"GET FLT\n", 7) == b"FLT 11\n"
         assert ask(b"GET XYZ\n", 2) == b"?\n"
         assert ask(b"SET POS 300\n", 2) == b"?\n"
 
 
-def test_a_major_fault_stops_it_until_a_reset(sim: RunningSim) -> None:
-    with talk(sim, "urcap") as ask:
+def test_a_major_fault_stops_it_until_a_reset(ajar: RunningSim) -> None:
+    with talk(ajar, "urcap") as ask:
         ask(b"SET ACT 1\n", 3)
         eventually(lambda: ask(b"GET STA\n", 6) == b"STA 3\n", "active")
+        ajar.control.clear("object")
         ask(b"SET POS 255 SPE 0 GTO 1\n", 3)
-        sim.control.inject("gripper_fault", code=0xE)
-        sim.control.clear("gripper_fault")
-        here = status(sim, "position")
+        ajar.control.inject("gripper_fault", code=0xE)
+        ajar.control.clear("gripper_fault")
+        here = status(ajar, "position")
         assert ask(b"GET FLT\n", 7) == b"FLT 14\n"
-        assert status(sim, "position") == here
+        assert status(ajar, "position") == here
         ask(b"SET ACT 0 GTO 0\n", 3)
         ask(b"SET ACT 1\n", 3)
         assert ask(b"GET FLT\n", 6) == b"FLT 0\n"
 
 
-def test_an_activation_opens_and_drops_what_is_held(sim: RunningSim) -> None:
+def test_an_activation_opens_and_drops_what_is_held(ajar: RunningSim) -> None:
     """What the driver must never do by itself."""
-    with talk(sim, "urcap") as ask:
+    with talk(ajar, "urcap") as ask:
         ask(b"SET ACT 1\n", 3)
         eventually(lambda: ask(b"GET STA\n", 6) == b"STA 3\n", "active")
-        sim.control.inject("object", width=0.03)
+        ajar.control.clear("object")
+        ajar.control.inject("object", width=0.03)
         ask(b"SET POS 255 SPE 255 GTO 1\n", 3)
         eventually(lambda: ask(b"GET OBJ\n", 6) == b"OBJ 2\n", "held")
-        assert status(sim, "opening") == pytest.approx(0.03, abs=0.002)
+        assert status(ajar, "opening") == pytest.approx(0.03, abs=0.002)
         ask(b"SET ACT 0\n", 3)
         ask(b"SET ACT 1\n", 3)
-        eventually(lambda: status(sim, "opening") > 0.08, "opened")
+        eventually(lambda: status(ajar, "opening") > 0.08, "opened")

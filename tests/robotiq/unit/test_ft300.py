@@ -17,9 +17,9 @@ from crtk_driver_robotiq.ft300.registers import Identity, loads_of
 from crtk_driver_robotiq.ft300.stream import FRAME, STOP, stream_decoder
 from crtk_drivers.config import from_values, load
 from crtk_drivers.kit import SeekingDecoder, modbus_frames
+from rigs.waiting import LONG
 
 KNOWN = bytes.fromhex("204E 6400 38FF B80B 6400 38FF 2C01 8F67")
-SOON = 5.0
 LOAD = [1.0, -2.0, 30.0, 0.1, -0.2, 0.3]
 counts = st.lists(st.integers(-32768, 32767), min_size=6, max_size=6)
 
@@ -53,16 +53,16 @@ def test_what_a_port_kept_while_this_computer_stood_still_is_as_old_as_it_is() -
     with socket.create_server(("127.0.0.1", 0)) as server:
         values = {"port": f"socket://127.0.0.1:{server.getsockname()[1]}"}
         link = SensorLink(load(Ft300Config, from_values(values)), lambda: False)
-        link._transport.open(time.monotonic() + SOON)
+        link._transport.open(time.monotonic() + LONG)
         sensor, _ = server.accept()
         with sensor:
             sensor.sendall(KNOWN)
-            assert link.read(time.monotonic() + SOON) is not None
+            assert link.read(time.monotonic() + LONG) is not None
             link._lateness._came -= stood
             sensor.sendall(rest * KNOWN)
             ages = []
             while rest:
-                batch = link.read(time.monotonic() + SOON)
+                batch = link.read(time.monotonic() + LONG)
                 assert batch is not None
                 rest -= len(batch.loads)
                 ages.append(time.monotonic() - batch.times[-1])

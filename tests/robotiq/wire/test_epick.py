@@ -112,17 +112,19 @@ def test_a_stream_asks_once_for_each_vacuum(sim: RunningSim) -> None:
         assert running.simulated("writes") == before + 1
 
 
-def test_without_power_it_may_hold_and_enable_drops_nothing(running: EpickBench) -> None:
-    gripped(running)
-    running.sim.control.inject("unpowered")
-    running.state(FAULT)
-    running.sim.control.clear("unpowered")
-    running.state(DISABLED)
-    with pytest.raises(TransitionFailed, match="may still hold something"):
+def test_without_power_it_may_hold_and_enable_drops_nothing(sim: RunningSim) -> None:
+    with EpickBench(sim, configuration(sim, link="tool", sample_timeout=1.0)) as running:
         running.front.enable()
-    assert running.simulated("ready") is False
-    assert running.front.activate() == "activated"
-    running.front.enable()
+        gripped(running)
+        sim.control.inject("unpowered")
+        running.state(FAULT)
+        sim.control.clear("unpowered")
+        running.state(DISABLED)
+        with pytest.raises(TransitionFailed, match="may still hold something"):
+            running.front.enable()
+        assert running.simulated("ready") is False
+        assert running.front.activate() == "activated"
+        running.front.enable()
 
 
 def test_a_major_fault_is_cleared_by_a_reset_in_enable(running: EpickBench) -> None:

@@ -43,7 +43,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait for who is there for longer than anybody is held up."""
     for module in (finding, finding_sensors):
         monkeypatch.setattr(module, "PATIENCE", 0.4)
-    monkeypatch.setattr(finding_sensors, "LISTENING", 1.0)
+    monkeypatch.setattr(finding_sensors, "LISTENING", 0.5)
 
 
 def places(sim: RunningSim) -> dict[str, str]:
@@ -69,7 +69,7 @@ def test_a_gripper_is_found_on_each_way(gripper: RunningSim, way: str) -> None:
 
 @pytest.mark.usefixtures("patient")
 def test_one_at_another_address_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(finding, "ADDRESSES", range(15, 19))
+    monkeypatch.setattr(finding, "ADDRESSES", range(16, 19))
     with SIM.spawn(**FREE_PORTS, unit=17) as sim:
         (found,) = GRIPPERS.look(places(sim)["tool"])
     assert found.settings["address"] == 17
@@ -148,7 +148,7 @@ def test_the_command_tells_what_to_type(
 def test_both_are_in_the_file_of_a_lab(
     gripper: RunningSim, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(finding, "ADDRESSES", range(8, 11))
+    monkeypatch.setattr(finding, "ADDRESSES", range(9, 10))
     path = tmp_path / "lab.toml"
     with FT300.spawn(**SENSOR_PORTS) as sensor:
         at = ["--at", places(gripper)["tool"], "--at", places(sensor)["tool"]]

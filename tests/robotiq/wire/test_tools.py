@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import pytest
 
+from crtk_driver_robotiq import tools
+from crtk_driver_robotiq.registers import COUNTS
 from crtk_drivers.cli import main
 
 SIM = [
     "--sim",
     *(f"--sim-set={name}_port=0" for name in ("tool", "modbus", "urcap")),
 ]
+
+
+@pytest.fixture
+def brisk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a person is given time for, at full speed: nobody looks on."""
+    monkeypatch.setattr(tools, "SLOW", COUNTS)
 
 
 def test_info_tells_what_it_reports(capsys: pytest.CaptureFixture[str]) -> None:
@@ -21,6 +29,7 @@ def test_info_tells_what_it_reports(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.sweep(2)
+@pytest.mark.usefixtures("brisk")
 @pytest.mark.parametrize("link", ["serial", "urcap"])
 def test_calibrate_measures_the_band(link: str, capsys: pytest.CaptureFixture[str]) -> None:
     band = ["--sim-set=band_open=13", "--sim-set=band_closed=228"]
@@ -33,6 +42,7 @@ def test_calibrate_moves_nothing_without_leave(capsys: pytest.CaptureFixture[str
     assert "--move" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("brisk")
 def test_calibrate_tells_what_is_in_the_way(capsys: pytest.CaptureFixture[str]) -> None:
     thing = "--sim-set=object_width=0.02"
     assert main(["robotiq", "calibrate", "--move", *SIM, thing]) == 1

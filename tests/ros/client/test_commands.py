@@ -35,12 +35,12 @@ from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
 from rigs.loopback_client import Far, Node, far_device
 from rigs.loopback_node import serve, slowly, until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 pytestmark = pytest.mark.ros
 NAMESPACE = "/client_commands"
 
-FOUND = ("--timeout", str(TIMEOUT))
+FOUND = ("--timeout", str(LONG))
 """On a busy machine."""
 
 Run = Callable[..., tuple[int, str, str]]
@@ -93,8 +93,13 @@ def test_state_tells_who_is_there_and_how_one_is(far: Far, run_far: Run) -> None
     assert "move_jp/jr" in out
 
 
-@pytest.mark.usefixtures("soon")
-def test_state_tells_the_reason_of_a_fault(far: Far, run: Run) -> None:
+def test_state_tells_the_reason_of_a_fault(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # All have met, and been heard, before: what is waited for is the setpoint alone, in vain in FAULT.
+    far.arm.add("measured_js", "measured_cp", "setpoint_js")
+    far.arm.measured_js(), far.arm.measured_cp()
+    monkeypatch.setattr(base, "DEFAULT_WAIT", 1.0)
     far.device.reported = Condition(OperatingState.FAULT, "the door is open")
     until(lambda: far.arm.operating_state().state is OperatingState.FAULT, "the fault is heard of")
     code, out, _ = run("state", NAMESPACE)
@@ -276,7 +281,7 @@ def test_what_was_said_before_is_told_whoever_heard_it_already(far: Far) -> None
         far.arm.move_jr([0.1] * 4)
     first: queue.Queue[str] = queue.Queue()
     end = far.arm.on_message("refusals", lambda message: first.put(message.data))
-    while "move_jr" not in (newest := first.get(timeout=TIMEOUT)):
+    while "move_jr" not in (newest := first.get(timeout=LONG)):
         pass
     second: list[str] = []
     end_second = far.arm.on_message("refusals", lambda message: second.append(message.data))
@@ -340,7 +345,7 @@ def test_a_frame_is_named_as_on_its_topic(far: Far) -> None:
     # A refused move to where the tool is already may count as reached.
     elsewhere = Pose(pose.position + 0.01, pose.orientation, "world")
     with pytest.raises(CommandRefused, match=f"Give it in '{pose.frame_id}'"):
-        far.arm.move_cp(elsewhere).wait(TIMEOUT)
+        far.arm.move_cp(elsewhere).wait(LONG)
 
 
 def test_a_namespace_may_end_with_a_slash_and_a_wrong_one_is_named_as_it_was_given(

@@ -26,7 +26,7 @@ from crtk_drivers.testing.loopback import LoopbackConfig
 from rigs.loopback_client import Node, driver_process, far_device
 from rigs.loopback_node import SLOWLY, serve, until
 from rigs.programs import Start
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_only_what_is_asked_for_is_subscribed(served: str) -> None:
 def test_features_are_set_up_at_once(served: str) -> None:
     with connect(served, features=["measured_jp", "local/measured_cp", "operating_state"]) as arm:
         arm.check_connections(timeout=0.0)
-        assert arm.measured_jp(wait=TIMEOUT).size == 4
+        assert arm.measured_jp(wait=LONG).size == 4
     with pytest.raises(
         ConnectionFailed, match=r"does not offer use_gravity.*It offers: measured_js"
     ):
@@ -85,7 +85,7 @@ def test_remapped_topics_are_found_by_the_manifest() -> None:
         serve(LoopbackConfig(), "/client_remapped", arguments),
         connect("/client_remapped") as arm,
     ):
-        assert arm.measured_js(wait=TIMEOUT).position.size == 4
+        assert arm.measured_js(wait=LONG).position.size == 4
 
 
 def test_a_node_of_mine(served: str) -> None:
@@ -104,9 +104,9 @@ def test_a_node_that_nobody_spins(served: str) -> None:
     try:
         for name in ("measured_js", "operating_state"):
             until(lambda: count(f"{served}/{name}") == 1, f"{name} is seen")  # noqa: B023
-        with connect(served, node=mine.node, timeout=1.5) as arm:
+        with connect(served, node=mine.node, timeout=1.0) as arm:
             with pytest.raises(DataTimeout, match=r"is it spun"):
-                arm.measured_js(wait=1.0)
+                arm.measured_js(wait=0.2)
             with pytest.raises(DataTimeout, match=r"is it spun"):
                 arm.operating_state()
     finally:
@@ -152,9 +152,9 @@ def test_a_device_without_a_manifest() -> None:
             until(lambda: names <= set(arm.crtk_commands), "they are found")
             assert list(arm.measured_jp()) == [1.0, 2.0]
             assert list(arm.jaw.measured_jp()) == [0.3]
-            arm.enable(timeout=TIMEOUT)
+            arm.enable(timeout=LONG)
             assert arm.jaw.is_enabled()
-            assert arm.move_jp([0.5, 0.6]).wait(TIMEOUT)
+            assert arm.move_jp([0.5, 0.6]).wait(LONG)
             assert moved == [0.5, 0.6]
             arm.jaw.servo_jp([0.2])
             until(lambda: moved == [0.5, 0.6, 0.2], "the jaw was told")
@@ -223,7 +223,7 @@ def test_every_command_of_the_table_is_sent_and_received() -> None:
             until(lambda: set(seen) == set(sent), "each has arrived")
             for name, command in COMMANDS.items():
                 if command.direction is Direction.PUBLISHED and name != "operating_state":
-                    assert method(arm, name)(wait=TIMEOUT) is not None, name
+                    assert method(arm, name)(wait=LONG) is not None, name
             for name in PARTS:
                 getattr(arm, name)(age=0)
 
@@ -261,7 +261,7 @@ def enabled(arm: RemoteDevice) -> bool:
 def test_a_driver_that_starts_again(start: Start) -> None:
     with driver_process(start, "/client_restart") as again:
         first = again()
-        with connect("/client_restart", timeout=TIMEOUT) as arm:
+        with connect("/client_restart", timeout=LONG) as arm:
             until(lambda: enabled(arm), "it can be enabled")
             arm.add("servo_jp", "measured_js")
             arm.trajectory_j.set_ratio(SLOWLY)
@@ -271,15 +271,15 @@ def test_a_driver_that_starts_again(start: Start) -> None:
             # either its last status or its silence is heard first
             with pytest.raises((ConnectionLost, MotionAborted)):
                 move.wait()
-            first.wait(TIMEOUT)
+            first.wait(LONG)
             with pytest.raises(ConnectionLost, match=r"nobody listens"):
                 until(lambda: arm.servo_jp([0.0] * 4) is not None, "it is gone")
             with pytest.raises(ConnectionLost, match=r"nobody publishes"):
                 until(lambda: arm.operating_state() is None, "that is gone, too")
             again()
-            arm.check_connections(timeout=TIMEOUT)
+            arm.check_connections(timeout=LONG)
             until(lambda: enabled(arm), "the new one can be enabled")
-            assert arm.move_jp([0.05, 0.0, 0.0, 0.0]).wait(TIMEOUT)
+            assert arm.move_jp([0.05, 0.0, 0.0, 0.0]).wait(LONG)
             assert abs(arm.setpoint_jp()[0] - 0.05) < 1e-3
 
 

@@ -25,7 +25,7 @@ from crtk_drivers.samples import JointState, Matrix, Pose, Twist, Wrench
 from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Far, Node, far_device
 from rigs.loopback_node import until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_every_name_that_is_offered_can_be_used(far: Far) -> None:
         if name == "operating_state" or name.startswith("goal_"):
             continue
         if command.direction is Direction.PUBLISHED:
-            assert method(age=0, wait=TIMEOUT) is not None
+            assert method(age=0, wait=LONG) is not None
     far.arm.check_connections()
 
 
@@ -68,13 +68,13 @@ def test_every_name_that_is_offered_can_be_used(far: Far) -> None:
     ],
 )
 def test_feedback_has_the_types_of_the_local_device(far: Far, name: str, kind: type) -> None:
-    value = getattr(far.arm, name)(age=0, wait=TIMEOUT)
+    value = getattr(far.arm, name)(age=0, wait=LONG)
     assert type(value) is kind
 
 
 def test_feedback_is_what_the_device_measured(far: Far) -> None:
     far.arm.enable()
-    far.arm.move_jp([0.1, 0.2, 0.0, 0.3]).wait(TIMEOUT)
+    far.arm.move_jp([0.1, 0.2, 0.0, 0.3]).wait(LONG)
     until(lambda: np.allclose(far.arm.measured_jp(), [0.1, 0.2, 0.0, 0.3], atol=1e-3), "arrived")
     value, stamp = far.arm.measured_js(extra=True)
     assert value.name == ("x", "y", "z", "yaw")
@@ -110,7 +110,7 @@ def test_data_that_is_too_old_is_not_taken(far: Far) -> None:
     until(lambda: nothing_for(0.2, far), "what was on its way has arrived")
     assert far.arm.measured_js(age=0).position.size == 4
     far.device.silent = False
-    assert far.arm.measured_js(wait=TIMEOUT).position.size == 4
+    assert far.arm.measured_js(wait=LONG).position.size == 4
 
 
 def test_waiting_ends_with_the_first_valid_value(far: Far) -> None:
@@ -118,7 +118,7 @@ def test_waiting_ends_with_the_first_valid_value(far: Far) -> None:
     with pytest.raises(DataTimeout):
         until(lambda: far.arm.measured_cp(wait=0.0) is None, "never")
     threading.Timer(0.3, lambda: setattr(far.device, "silent", False)).start()
-    assert far.arm.measured_cp(wait=TIMEOUT).position.size == 3
+    assert far.arm.measured_cp(wait=LONG).position.size == 3
 
 
 def test_a_command_that_is_not_offered_is_named(far: Far) -> None:
@@ -172,7 +172,7 @@ def test_waiting_for_a_state_has_a_timeout(far: Far) -> None:
     assert not far.arm.wait_for_busy(True, timeout=0.1)
     assert far.arm.wait_for_busy(False, timeout=0.1)
     far.arm.state_command("enable", timeout=0.0)
-    assert far.arm.wait_for_operating_state("ENABLED", timeout=TIMEOUT)
+    assert far.arm.wait_for_operating_state("ENABLED", timeout=LONG)
 
 
 def test_a_refused_stream_raises_at_its_next_command(far: Far) -> None:
@@ -276,7 +276,7 @@ def test_a_callback_cannot_wait_for_what_it_holds_up(far: Far) -> None:
 
     def impatient(value: object, stamp: float) -> None:
         try:
-            far.arm.measured_js(age=1e-9, wait=TIMEOUT)
+            far.arm.measured_js(age=1e-9, wait=LONG)
         except CrtkError as error:
             problems.append(error)
 
@@ -303,7 +303,7 @@ def test_many_threads_at_once(far: Far) -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(TIMEOUT)
+        thread.join(LONG)
         assert not thread.is_alive()
     assert not problems
 
@@ -326,8 +326,8 @@ def test_settings_are_numbers(far: Far) -> None:
 
 def test_commands_in_the_frame_of_the_tool(far: Far) -> None:
     far.arm.enable()
-    far.arm.move_jp([0.0, 0.0, 0.0, math.pi / 2]).wait(TIMEOUT)
-    far.arm.body.move_cr([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(TIMEOUT)
+    far.arm.move_jp([0.0, 0.0, 0.0, math.pi / 2]).wait(LONG)
+    far.arm.body.move_cr([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(LONG)
     goal = [0.0, 0.1, 0.0, math.pi / 2]
     until(lambda: np.allclose(far.arm.setpoint_jp(age=0), goal, atol=1e-6), "arrived")
     assert far.arm.body.jacobian(age=0).values.shape == (6, 4)

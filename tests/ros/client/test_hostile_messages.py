@@ -28,7 +28,7 @@ from crtk_drivers.samples import JointState, Number, Text, vector
 from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Node
 from rigs.loopback_node import until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 SIX = JointState(vector([0.5] * 6))
 HEARD = (
@@ -150,7 +150,7 @@ def test_feedback_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
     bad = (*BAD.values(), unlike_sizes())
     for number, data in enumerate(bad):
         other.joints.publish(joints(number))
-        until(lambda n=number: float(arm.measured_jp(age=0, wait=TIMEOUT)[0]) == n, "it is heard")
+        until(lambda n=number: float(arm.measured_jp(age=0, wait=LONG)[0]) == n, "it is heard")
         before = inbox.unreadable
         other.joints.publish(data)
 
@@ -162,7 +162,7 @@ def test_feedback_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
     with pytest.raises(DataTimeout, match=r"measured_js: .*different sizes.*same definition"):
         arm.measured_js(age=0, wait=0.0)
     other.joints.publish(joints(9.0))
-    until(lambda: float(arm.measured_jp(age=0, wait=TIMEOUT)[0]) == 9.0, "it goes on")
+    until(lambda: float(arm.measured_jp(age=0, wait=LONG)[0]) == 9.0, "it goes on")
 
 
 def test_what_was_never_anything_else_is_told_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
@@ -193,7 +193,7 @@ def test_operating_state_and_refusals_over_dds(ends: tuple[RemoteDevice, Other])
         until(lambda box=box, before=before: box.unreadable > before, "it was looked at")
         assert tracker.latest.state is OperatingState.ENABLED
     other.state.publish(cdr.encode(Status(OperatingState.PAUSED), time.time_ns()))
-    assert arm.wait_for_status(lambda status: status.state is OperatingState.PAUSED, TIMEOUT)
+    assert arm.wait_for_status(lambda status: status.state is OperatingState.PAUSED, LONG)
 
 
 def test_messages_of_any_type_over_dds(ends: tuple[RemoteDevice, Other]) -> None:

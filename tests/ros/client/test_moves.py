@@ -18,7 +18,7 @@ from crtk_drivers.samples import Pose
 from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Far, far_device
 from rigs.loopback_node import slowly, until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 HERE = [0.0, 0.0, 0.0, 0.0]
 THERE = [0.1, 0.0, 0.05, 0.2]
@@ -99,7 +99,7 @@ def test_a_move_reaches_its_goal(far: Far) -> None:
     far.arm.enable()
     move = far.arm.move_jp(THERE)
     assert move.wait(is_busy=True)
-    assert move.wait(TIMEOUT)
+    assert move.wait(LONG)
     assert move.outcome is Outcome.REACHED
     assert not move.is_busy()
     assert np.allclose(far.arm.setpoint_jp(), THERE, atol=1e-3)
@@ -107,19 +107,19 @@ def test_a_move_reaches_its_goal(far: Far) -> None:
 
 def test_a_move_to_where_it_is(far: Far) -> None:
     far.arm.enable()
-    assert far.arm.move_jp(HERE).wait(TIMEOUT)
-    assert far.arm.move_jp(HERE).wait(TIMEOUT)
+    assert far.arm.move_jp(HERE).wait(LONG)
+    assert far.arm.move_jp(HERE).wait(LONG)
 
 
 def test_relative_and_cartesian_moves(far: Far) -> None:
     far.arm.enable()
-    assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
-    assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
+    assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(LONG)
+    assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(LONG)
     until(lambda: np.allclose(far.arm.setpoint_jp(), [0.04, 0.0, 0.0, 0.0], atol=1e-6), "the end")
     until(lambda: np.allclose(far.arm.setpoint_cp().position, [0.04, 0.0, 0.0], atol=1e-6), "too")
     pose = far.arm.setpoint_cp()
     goal = Pose(pose.position + np.array([0.0, 0.0, 0.05]), pose.orientation, pose.frame_id)
-    assert far.arm.move_cp(goal).wait(TIMEOUT)
+    assert far.arm.move_cp(goal).wait(LONG)
     goal_jp = [0.04, 0.0, 0.05, 0.0]
     until(lambda: np.allclose(far.arm.setpoint_jp(), goal_jp, atol=1e-3), "the joints, too")
 
@@ -139,17 +139,17 @@ def test_a_refusal_that_the_driver_holds_back_is_waited_for(far: Far) -> None:
     for _ in range(2):  # the driver tells the second one only when two seconds are over
         with pytest.raises(CommandRefused):
             far.arm.move_jp([-5.0, 0.0, 0.0, 0.0])
-    assert far.arm.move_jp(THERE).wait(TIMEOUT)
+    assert far.arm.move_jp(THERE).wait(LONG)
 
 
 def test_a_newer_move_takes_its_place(far: Far) -> None:
     far.arm.enable()
     with slowly(far.engine):
         first = far.arm.move_jp(FAR_AWAY)
-        second = far.arm.move_jp(HERE)
+    second = far.arm.move_jp(HERE)
     with pytest.raises(MotionAborted, match=r"pre-empted: by move_jp"):
-        first.wait(TIMEOUT)
-    assert second.wait(TIMEOUT)
+        first.wait(LONG)
+    assert second.wait(LONG)
     assert np.allclose(far.arm.setpoint_jp(), HERE, atol=1e-3)
 
 
@@ -159,7 +159,7 @@ def test_hold_ends_a_move(far: Far) -> None:
         move = far.arm.move_jp(FAR_AWAY)
         far.arm.hold()
         with pytest.raises(MotionAborted, match=r"pre-empted: by hold"):
-            move.wait(TIMEOUT)
+            move.wait(LONG)
 
 
 def test_a_fault_ends_a_move(far: Far) -> None:
@@ -168,7 +168,7 @@ def test_a_fault_ends_a_move(far: Far) -> None:
         move = far.arm.move_jp(FAR_AWAY)
         far.device.reported = Condition(OperatingState.FAULT, "stuck")
         with pytest.raises(MotionAborted, match=r"aborted: the device is FAULT"):
-            move.wait(TIMEOUT)
+            move.wait(LONG)
 
 
 def test_waiting_has_a_timeout(far: Far) -> None:
@@ -186,7 +186,7 @@ def test_another_clients_hold_ends_a_move(far: Far, second: RemoteDevice) -> Non
         move = far.arm.move_jp(FAR_AWAY)
         second.hold()
         with pytest.raises(MotionAborted, match=r"stopped away from its goal"):
-            move.wait(TIMEOUT)
+            move.wait(LONG)
 
 
 @pytest.mark.parametrize(
@@ -207,21 +207,21 @@ def test_another_clients_hold_ends_a_relative_move(
         move = begins(way)
         second.hold()
         with pytest.raises(MotionAborted, match=r"stopped away from its goal"):
-            move.wait(TIMEOUT)
+            move.wait(LONG)
 
 
 def test_another_clients_refusal_is_not_mine(far: Far, second: RemoteDevice) -> None:
     far.arm.enable()
     move = far.arm.move_jp([0.5, 0.0, 0.0, 0.0])
     with pytest.raises(CommandRefused):
-        second.move_jp([0.0, 0.0]).wait(TIMEOUT)
-    assert move.wait(TIMEOUT)
+        second.move_jp([0.0, 0.0]).wait(LONG)
+    assert move.wait(LONG)
 
 
 def test_two_clients_see_the_same(far: Far, second: RemoteDevice) -> None:
     second.enable()
-    assert far.arm.wait_for_operating_state("ENABLED", TIMEOUT)
-    assert second.move_jp(THERE).wait(TIMEOUT)
+    assert far.arm.wait_for_operating_state("ENABLED", LONG)
+    assert second.move_jp(THERE).wait(LONG)
     until(lambda: np.allclose(far.arm.setpoint_jp(), THERE, atol=1e-3), "the first sees it too")
 
 
@@ -235,7 +235,7 @@ def test_slow_transitions() -> None:
             arm.enable()
         far.device.transition_time = 0.6
         move = arm.move_jp([0.01, 0.0, 0.0, 0.0])
-        assert move.wait(TIMEOUT)
+        assert move.wait(LONG)
         assert arm.is_enabled()
         assert not arm.is_homed()
         begin = time.monotonic()
@@ -245,8 +245,9 @@ def test_slow_transitions() -> None:
         arm.unhome()
         assert not arm.is_homed()
         arm.home(timeout=0.0)
-        assert arm.move_jp(np.zeros(4)).wait(TIMEOUT)
+        assert arm.move_jp(np.zeros(4)).wait(LONG)
         assert arm.is_homed()
+        far.device.transition_time = 0.0
         arm.disable()
         far.device.transition_time = 4.0
         other = threading.Thread(target=_refused_for_somebody_else, args=(far,))

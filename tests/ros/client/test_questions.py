@@ -17,7 +17,7 @@ from crtk_drivers.client.ros_link import Link, wait_connected
 from crtk_drivers.errors import DataTimeout
 from rigs.beside import beside
 from rigs.loopback_node import until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 SERVICE, UNANSWERED = "/lossy/operating_state", "/unanswered/operating_state"
 
@@ -46,10 +46,10 @@ def test_what_changes_nothing_is_asked_again_and_all_else_is_not() -> None:
         serve(UNANSWERED, math.inf)
         answers.start()
         asks.start()
-        assert asks.state_caller(SERVICE).operating_state(TIMEOUT).wall_ns == 0
+        assert asks.state_caller(SERVICE).operating_state(LONG).wall_ns == 0
         assert asked[SERVICE] > 1
         caller = asks.state_caller(UNANSWERED)
-        assert wait_connected([caller], time.monotonic() + TIMEOUT)
+        assert wait_connected([caller], time.monotonic() + LONG)
         with pytest.raises(DataTimeout, match=r"operating_state did not answer in 1 s"):
             caller.call(1.0)
         assert asked.get(UNANSWERED, 0) <= 1
@@ -86,7 +86,7 @@ def test_what_stops_is_sent_before_anything_is_asked() -> None:
     node.create_subscription(StringStamped, "/mute/state_command", command, 10)
     try:
         mute.start()
-        with connect("/mute", timeout=TIMEOUT) as arm:
+        with connect("/mute", timeout=LONG) as arm:
             until(lambda: {"hold", "state_command"} <= set(arm.crtk_commands), "they are found")
             arm.add("hold", "state_command")
             with beside(lambda over: arm.hold()):
@@ -95,7 +95,7 @@ def test_what_stops_is_sent_before_anything_is_asked() -> None:
                 answers.set()
             answers.clear()
             speaks.clear()
-            with beside(lambda over: arm.disable(timeout=TIMEOUT)):
+            with beside(lambda over: arm.disable(timeout=LONG)):
                 until(lambda: "disable" in heard, "it is told to end")
                 asked = arm._space.link.state_caller("/mute/operating_state")
                 until(

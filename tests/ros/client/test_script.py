@@ -15,7 +15,7 @@ from crtk_drivers.errors import DataTimeout, KinematicsError, MotionAborted, Rea
 from crtk_drivers.state import OperatingState
 from rigs.loopback_client import far_device
 from rigs.loopback_node import SLOWLY, until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 
 @contextmanager
@@ -77,13 +77,13 @@ def test_the_same_script(open_arm: Callable[[], Any]) -> None:
         start = arm.setpoint_js().position
         move = arm.move_jp(start + np.array([0.1, 0.0, 0.0, 0.2]))
         assert move.wait(is_busy=True)
-        assert move.wait(TIMEOUT)
+        assert move.wait(LONG)
         assert np.allclose(arm.setpoint_jp(), [0.1, 0.0, 0.0, 0.2], atol=1e-3)
         assert np.allclose(arm.goal_js().position, [0.1, 0.0, 0.0, 0.2])
-        assert arm.move_jr([0.0, 0.05, 0.0, 0.0]).wait(TIMEOUT)
-        pose = arm.setpoint_cp(wait=TIMEOUT)
+        assert arm.move_jr([0.0, 0.05, 0.0, 0.0]).wait(LONG)
+        pose = arm.setpoint_cp(wait=LONG)
         goal = Pose(pose.position + np.array([0.0, 0.0, 0.05]), pose.orientation, pose.frame_id)
-        assert arm.move_cp(goal).wait(TIMEOUT)
+        assert arm.move_cp(goal).wait(LONG)
         assert refused(lambda: arm.move_jp([7.0, 0.0, 0.0, 0.0])) is Reason.OUT_OF_RANGE
         assert refused(lambda: arm.move_jp([0.0])) is Reason.WRONG_SIZE
         assert refused(lambda: arm.move_cp("there")) is Reason.WRONG_TYPE
@@ -94,10 +94,10 @@ def test_the_same_script(open_arm: Callable[[], Any]) -> None:
         first = arm.move_jp([-0.9, 0.0, 0.0, 0.0])
         second = arm.move_jp([0.9, 0.0, 0.0, 0.0])
         with pytest.raises(MotionAborted, match="pre-empted"):
-            first.wait(TIMEOUT)
+            first.wait(LONG)
         arm.hold()
         with pytest.raises(MotionAborted):
-            second.wait(TIMEOUT)
+            second.wait(LONG)
         arm.trajectory_j.set_ratio(1.0)
 
         # streams
@@ -125,4 +125,4 @@ def test_the_same_script(open_arm: Callable[[], Any]) -> None:
         arm.disable()
         assert not arm.is_enabled()
         assert not arm.wait_for_operating_state("ENABLED", timeout=0.05)
-        assert arm.wait_for_busy(False, timeout=TIMEOUT)
+        assert arm.wait_for_busy(False, timeout=LONG)

@@ -11,7 +11,7 @@ from crtk_drivers.client.conformance.findings import Finding, Verdict
 from crtk_drivers.client.conformance.probe import client_opening
 from crtk_drivers.client.conformance.probe.examining import examine
 from rigs.loopback_node import Rig
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 pytestmark = [
     pytest.mark.ros,
@@ -22,7 +22,7 @@ ALL = "enable, home, measured_jp, move_jp(...).wait() there, move_jp(...).wait()
 
 
 def found(rig: Rig) -> Finding:
-    outcome = examine(rig.client.namespace, ["CLI-1"], 0.5, TIMEOUT, may_move=True)
+    outcome = examine(rig.client.namespace, ["CLI-1"], 0.5, LONG, may_move=True)
     assert outcome.ended == ""
     (result,) = outcome.results
     return result.finding

@@ -14,11 +14,11 @@ from crtk_drivers.client.conformance.probe import examining
 from crtk_drivers.client.ros_link import Link
 from rigs.loopback_node import Rig, until
 from rigs.programs import COMMAND, Start
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 Run = Callable[..., tuple[int, str, str]]
 MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
-QUICK = ("--listen", "0.5", "--timeout", str(TIMEOUT))
+QUICK = ("--listen", "0.5", "--timeout", str(LONG))
 
 
 def test_it_prints_what_was_found_and_writes_a_report(
@@ -83,7 +83,7 @@ def test_an_interrupt_holds_the_device_and_leaves_it_as_it_was(start: Start, rig
         try:
             until(lambda: engine.status.state == "ENABLED", "it is enabled")
             process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=TIMEOUT)
+            out, err = process.communicate(timeout=LONG)
         finally:
             process.kill()
     assert process.returncode == 130, (out, err)

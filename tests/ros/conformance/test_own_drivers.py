@@ -17,10 +17,9 @@ from crtk_drivers.client.conformance.expectations import Expectations
 from crtk_drivers.client.conformance.findings import Verdict
 from crtk_drivers.client.conformance.probe.examining import examine
 from crtk_drivers.client.conformance.trials import chosen_steps
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
-LONG = 3.0 * TIMEOUT
 LISTEN = 1.5
 QUICK = Expectations(wait=0.15)
 TIMED = {"RAT-1", "STA-3", "QOS-3", "CLI-2"}

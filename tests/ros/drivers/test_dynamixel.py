@@ -13,10 +13,7 @@ from crtk_drivers.client import RemoteDevice, connect
 from rigs.dynamixel_bench import PATIENT
 from rigs.loopback_node import until
 from rigs.programs import COMMAND, Program, Start
-from rigs.ros_client import TIMEOUT
-
-LONG = 3.0 * TIMEOUT
-"""Seconds in which two processes have started."""
+from rigs.waiting import LONG
 
 
 @pytest.fixture(scope="module")
@@ -37,38 +34,38 @@ def arm(driver: Program) -> Iterator[RemoteDevice]:
 
 
 def test_enable_move_and_disable_arm_and_gripper(arm: RemoteDevice) -> None:
-    before = arm.measured_js(wait=TIMEOUT).position
+    before = arm.measured_js(wait=LONG).position
     assert before.size == 6
-    arm.enable(TIMEOUT)
-    arm.gripper.enable(TIMEOUT)
-    opening = arm.gripper.measured_js(wait=TIMEOUT).position
-    assert arm.gripper.measured_js(wait=TIMEOUT).name == ("gripper",)
+    arm.enable(LONG)
+    arm.gripper.enable(LONG)
+    opening = arm.gripper.measured_js(wait=LONG).position
+    assert arm.gripper.measured_js(wait=LONG).name == ("gripper",)
     goal = before + np.array([0.2, 0.0, 0.1, 0.0, 0.1, 0.2])
     move = arm.move_jp(goal)
-    arm.gripper.move_jp(opening + 0.01).wait(TIMEOUT)
-    move.wait(TIMEOUT)
-    until(lambda: np.abs(arm.measured_js(wait=TIMEOUT).position - goal).max() < 6e-3, "there")
+    arm.gripper.move_jp(opening + 0.01).wait(LONG)
+    move.wait(LONG)
+    until(lambda: np.abs(arm.measured_js(wait=LONG).position - goal).max() < 6e-3, "there")
     until(lambda: abs(arm.gripper.measured_js().position - opening - 0.01).max() < 3e-4, "open")
-    assert arm.measured_cp(wait=TIMEOUT).position.size == 3
-    arm.gripper.disable(TIMEOUT)
+    assert arm.measured_cp(wait=LONG).position.size == 3
+    arm.gripper.disable(LONG)
     assert arm.is_enabled()
-    arm.disable(TIMEOUT)
+    arm.disable(LONG)
     assert not arm.is_enabled()
 
 
 def test_who_takes_the_gripper_for_a_joint_is_told_where_it_is(
     arm: RemoteDevice, run_far: Callable[..., tuple[int, str, str]]
 ) -> None:
-    arm.enable(TIMEOUT)
-    code, _, told = run_far("move", "/dynamixel_arm", "gripper=0.03", "--timeout", str(TIMEOUT))
+    arm.enable(LONG)
+    code, _, told = run_far("move", "/dynamixel_arm", "gripper=0.03", "--timeout", str(LONG))
     assert code == 2
     assert "a part of the device, not one of its joints" in told
     assert "crtk-driver move /dynamixel_arm --child gripper gripper=..." in told
-    arm.disable(TIMEOUT)
+    arm.disable(LONG)
 
 
 def test_it_ends_on_a_signal(arm: RemoteDevice, driver: Program) -> None:
     driver.send_signal(signal.SIGINT)
-    _, err = driver.communicate(timeout=TIMEOUT)
+    _, err = driver.communicate(timeout=LONG)
     assert driver.returncode == 0, err
     assert "Traceback" not in err

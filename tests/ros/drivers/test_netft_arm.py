@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -25,8 +24,8 @@ from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from rigs.loopback_node import serve
 from rigs.netft_peer import Peer
 from rigs.ros_client import RosClient
+from rigs.waiting import LONG, eventually
 
-LONG = 20.0
 ARM, SENSOR = "/test_netft_arm", "/test_netft_sensor"
 MASS = 2.0
 CENTER = np.array([0.01, -0.02, 0.06])
@@ -41,14 +40,6 @@ VALUES = {
     "rate": 100.0,
     "sample_timeout": 3.0,  # a busy machine is no fault
 }
-
-
-def eventually(test: Callable[[], object], what: str) -> Any:
-    deadline = time.monotonic() + LONG
-    while not (found := test()):
-        assert time.monotonic() < deadline, f"never: {what}"
-        time.sleep(0.01)
-    return found
 
 
 def carrier() -> AbstractContextManager[Any]:
@@ -181,6 +172,6 @@ def test_the_command_that_calibrates_takes_the_orientations_of_the_arm(
 
 def test_the_command_that_calibrates_says_when_there_is_no_arm(peer) -> None:
     values = {**VALUES, "tool": None, "host": peer.host, "rdt_port": peer.port}
-    values |= {"arm": "/test_netft_nobody", "open_timeout": 4.0}
+    values |= {"arm": "/test_netft_nobody", "open_timeout": 1.5}  # the arm is waited for in vain
     with pytest.raises(ConnectionFailed, match="the orientation of the sensor is not known"):
         tools.calibrate(load(NetFtConfig, from_values(values)), CalibrateOptions(ask=False))

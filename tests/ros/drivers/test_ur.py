@@ -20,6 +20,7 @@ from rigs import ur_watchdog
 from rigs.loopback_node import until
 from rigs.ros_client import stamp_ns
 from rigs.ur_node import UrRig, ur_on_ros
+from rigs.waiting import LONG
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -159,6 +160,7 @@ def test_an_emergency_stop_is_fault_with_its_reason_and_enable_recovers(ur: UrRi
 
 
 @pytest.mark.slow  # a controller that hears nothing for 0.5 s, as on a busy machine, stops it
+@pytest.mark.timeout(4.0 * LONG)
 @pytest.mark.parametrize("name", ["move", "servo_at_200_hz", "interpolate_from_20_hz"])
 def test_an_example_runs_unchanged_on_the_far_side(ur: UrRig, name: str) -> None:
     ur.enabled()
@@ -168,7 +170,7 @@ def test_an_example_runs_unchanged_on_the_far_side(ur: UrRig, name: str) -> None
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=50,
+        timeout=3.0 * LONG,  # the controller's time may pass at a fifth of its pace
     )
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     assert ur.client.state.state == "ENABLED"

@@ -19,7 +19,7 @@ from crtk_drivers.ros import qos
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.loopback_client import Node
 from rigs.loopback_node import serve, until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 
 def test_what_the_manifest_tells_of_is_waited_for() -> None:
@@ -28,7 +28,7 @@ def test_what_the_manifest_tells_of_is_waited_for() -> None:
     with Node("late_arm") as node:
         told = node.node.create_publisher(String, "/late/driver/crtk_capabilities", qos.LATCHED)
         told.publish(String(data=json.dumps(manifest)))
-        with connect("/late", timeout=TIMEOUT) as arm:
+        with connect("/late", timeout=LONG) as arm:
             with pytest.raises(AttributeError, match="nothing in jaw"):
                 arm.jaw  # noqa: B018 - asking is the test
             make = node.node.create_publisher
@@ -46,15 +46,15 @@ def test_who_waits_for_it_keeps_nobody_from_the_device() -> None:
         node.node.create_subscription(Empty, "/slow/hold", lambda message: held.set(), 10)
         told = node.node.create_publisher(String, "/slow/driver/crtk_capabilities", qos.LATCHED)
         told.publish(String(data=json.dumps(manifest)))
-        with connect("/slow", timeout=TIMEOUT) as arm, ThreadPoolExecutor() as pool:
+        with connect("/slow", timeout=LONG) as arm, ThreadPoolExecutor() as pool:
             asked = threading.Event()
-            found = pool.submit(lambda: (asked.set(), arm.child("gripper", timeout=TIMEOUT)))
-            assert asked.wait(TIMEOUT)
+            found = pool.submit(lambda: (asked.set(), arm.child("gripper", timeout=LONG)))
+            assert asked.wait(LONG)
             arm.hold()
-            assert held.wait(TIMEOUT)
+            assert held.wait(LONG)
             assert not found.done(), "the device was held when the wait had ended"
             node.node.create_publisher(JointState, "/slow/gripper/measured_js", 10)
-            assert list(found.result(TIMEOUT)[1].crtk_commands) == ["measured_js"]
+            assert list(found.result(LONG)[1].crtk_commands) == ["measured_js"]
 
 
 class WithGripper(LoopbackDevice):
@@ -92,15 +92,15 @@ PLUGIN = DevicePlugin("with-gripper", "A gantry with another one.", LoopbackConf
 def test_it_is_moved_through_the_client_of_the_device() -> None:
     with (
         serve(LoopbackConfig(), "/children", [], plugin=PLUGIN) as (session, _),
-        connect("/children", timeout=TIMEOUT) as arm,
+        connect("/children", timeout=LONG) as arm,
     ):
         gripper = session.children["gripper"]
         until(lambda: gripper.connected, "the gripper is connected")
-        arm.gripper.enable(TIMEOUT)
-        arm.gripper.move_jp([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
+        arm.gripper.enable(LONG)
+        arm.gripper.move_jp([0.02, 0.0, 0.0, 0.0]).wait(LONG)
         # One that was sent before the last cycle of the motion may still be on its way.
         until(
-            lambda: arm.gripper.setpoint_js(wait=TIMEOUT).position[0] == pytest.approx(0.02),
+            lambda: arm.gripper.setpoint_js(wait=LONG).position[0] == pytest.approx(0.02),
             "the gripper's setpoint is the goal",
         )
         assert gripper.status.state == "ENABLED"
@@ -110,18 +110,18 @@ def test_it_is_moved_through_the_client_of_the_device() -> None:
 def test_one_without_a_state_has_none_on_ros_and_its_moves_are_told_by_that_of_the_device() -> None:
     with (
         serve(LoopbackConfig(), "/psm", [], plugin=JAW) as (session, _),
-        connect("/psm", timeout=TIMEOUT) as arm,
+        connect("/psm", timeout=LONG) as arm,
     ):
         jaw = session.children["jaw"]
         assert "state_command" not in arm.jaw.crtk_commands
         assert arm.manifest["followers"] == ["jaw"], "it has a manifest of its own"
         assert arm.jaw.manifest["commands"]["measured_js"]["name"] == "/psm/jaw/measured_js"
-        arm.enable(TIMEOUT)
+        arm.enable(LONG)
         until(lambda: jaw.status.state == "ENABLED", "the jaw is enabled")
         assert arm.jaw.operating_state().state == "ENABLED"
-        arm.jaw.move_jp([0.02, 0.0, 0.0, 0.0]).wait(TIMEOUT)
+        arm.jaw.move_jp([0.02, 0.0, 0.0, 0.0]).wait(LONG)
         until(
-            lambda: arm.jaw.setpoint_js(wait=TIMEOUT).position[0] == pytest.approx(0.02),
+            lambda: arm.jaw.setpoint_js(wait=LONG).position[0] == pytest.approx(0.02),
             "the jaw's setpoint is the goal",
         )
         link = arm._space.link

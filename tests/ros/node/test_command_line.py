@@ -14,6 +14,7 @@ from crtk_drivers.client import connect
 from crtk_drivers.ros.environment import PROFILES, RANGE
 from rigs import programs
 from rigs.programs import COMMAND, Program, Start
+from rigs.waiting import LONG
 
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
@@ -40,7 +41,6 @@ class Runaway(LoopbackDevice):
 PLUGIN = replace(LOOPBACK, name="runaway", create=Runaway)
 """
 
-LONG = 40.0
 
 Begin = Callable[..., Program]
 

@@ -26,7 +26,7 @@ from crtk_drivers.ros.policy import interfaces
 from crtk_drivers.samples import Flag, Number, Numbers, Text, Value, Wrench
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.loopback_node import Rig, rig_of, until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 
 class Scale(LoopbackDevice):
@@ -112,17 +112,17 @@ def device_of(rig: Rig) -> Scale:
 def test_a_service_that_takes_its_time_keeps_no_command_waiting(rig: Rig) -> None:
     client, device = rig.client, device_of(rig)
     caller = client.node.create_client(Trigger, f"{client.namespace}/tare")
-    assert caller.wait_for_service(TIMEOUT)
+    assert caller.wait_for_service(LONG)
     answered = threading.Event()
     future = caller.call_async(Trigger.Request())
     future.add_done_callback(lambda _: answered.set())
-    assert device.taring.wait(TIMEOUT)
+    assert device.taring.wait(LONG)
     client.reach("enable", "ENABLED")
     client.send("hold", Empty())
     client.reach("disable", "DISABLED")
     assert not answered.is_set()
     device.go.set()
-    assert answered.wait(TIMEOUT)
+    assert answered.wait(LONG)
     assert (future.result().success, future.result().message) == (True, "tared")
 
 
@@ -136,12 +136,12 @@ def test_one_that_is_a_stop_waits_for_no_other(rig: Rig) -> None:
     }
     futures = {}
     for name, caller in callers.items():
-        assert caller.wait_for_service(TIMEOUT)
+        assert caller.wait_for_service(LONG)
         futures[name] = caller.call_async(Trigger.Request())
         futures[name].add_done_callback(lambda _, ended=answered[name]: ended.set())
-        assert device.taring.wait(TIMEOUT)
+        assert device.taring.wait(LONG)
     for ended in answered.values():
-        assert ended.wait(TIMEOUT)
+        assert ended.wait(LONG)
     device.go.set()
     assert (futures["halt"].result().success, futures["halt"].result().message) == (True, "halted")
     assert "by halt" in futures["tare"].result().message

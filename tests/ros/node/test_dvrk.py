@@ -23,7 +23,7 @@ from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Pose, Wrench
 from crtk_drivers.session import Session
 from rigs.loopback_node import served, until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 ARM = [
     "operating_state",
@@ -53,13 +53,13 @@ class Part:
     """What an arm has in a sub-namespace."""
 
     def __init__(self, ral: Any, features: list[str]) -> None:
-        add(crtk.utils(self, ral, TIMEOUT), features)
+        add(crtk.utils(self, ral, LONG), features)
 
 
 class Arm:
     def __init__(self, ral: Any, name: str) -> None:
         self.ral = ral.create_child(name)
-        add(crtk.utils(self, self.ral, TIMEOUT), ARM)
+        add(crtk.utils(self, self.ral, LONG), ARM)
         self.body = Part(self.ral.create_child("body"), BODY)
         self.spatial = Part(self.ral.create_child("spatial"), BODY)
         self.local = Part(self.ral.create_child("local"), LOCAL)
@@ -97,12 +97,12 @@ def arm(engine: Engine) -> Iterator[Any]:
     ral = crtk.ral("dvrk_script", f"dvrk_{placed}")
     arm = Arm(ral, "PSM1")
     ral.spin()
-    ral.check_connections(TIMEOUT)
-    assert arm.enable(TIMEOUT)  # type: ignore[attr-defined]
-    assert arm.home(TIMEOUT)  # type: ignore[attr-defined]
+    ral.check_connections(LONG)
+    assert arm.enable(LONG)  # type: ignore[attr-defined]
+    assert arm.home(LONG)  # type: ignore[attr-defined]
     until(lambda: engine.transition_ended, "it is at home")
     yield arm
-    assert arm.disable(TIMEOUT)  # type: ignore[attr-defined]
+    assert arm.disable(LONG)  # type: ignore[attr-defined]
     ral.shutdown()
 
 
@@ -201,4 +201,4 @@ def test_hold_ends_free(arm: Any, engine: Engine) -> None:
     until(lambda: not engine._motion.is_free, "it holds")
     begin = time.monotonic()
     assert arm.move_jr(np.zeros(6)).wait()
-    assert time.monotonic() - begin < TIMEOUT
+    assert time.monotonic() - begin < LONG

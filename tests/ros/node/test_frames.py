@@ -15,7 +15,8 @@ from std_msgs.msg import Float64
 
 from crtk_drivers.ros.messages import set_stamp
 from rigs.loopback_node import Rig, until
-from rigs.ros_client import TIMEOUT, stamp_ns
+from rigs.ros_client import stamp_ns
+from rigs.waiting import LONG
 
 STAMP = 1_700_000_000_123_456_789
 
@@ -29,7 +30,7 @@ def joints(*position: float, stamp: int = STAMP) -> JointState:
 def stream(rig: Rig, name: str, message: Any, inbox: str, accept: Any) -> Any:
     """Send a message again and again until an answer is accepted; return that."""
     since = rig.client[inbox].mark()
-    end = time.monotonic() + TIMEOUT
+    end = time.monotonic() + LONG
     while time.monotonic() < end:
         rig.client.send(name, message)
         time.sleep(0.01)

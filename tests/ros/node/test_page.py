@@ -8,11 +8,10 @@ import subprocess
 import pytest
 
 from rigs.programs import COMMAND, Start
+from rigs.waiting import LONG
 
 pytest.importorskip("rclpy")
 pytestmark = pytest.mark.ros
-
-LONG = 30.0
 
 
 def test_the_page_of_a_driver_is_told_and_ends_with_it(start: Start) -> None:

@@ -1,4 +1,7 @@
-"""The node as a process: signals, exits, and two devices side by side."""
+"""The node as a process: signals, exits, and two devices side by side.
+
+A node ends within two seconds: bench/ measures that on a quiet machine.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,9 @@ from contextlib import contextmanager
 import pytest
 from sensor_msgs.msg import JointState
 
-from rigs.loopback_node import until
 from rigs.programs import Program, Start
 from rigs.ros_client import RosClient
-
-EXIT = 30.0
-"""Seconds. The promise is two; bench/ measures it on a quiet machine."""
+from rigs.waiting import LONG
 
 
 @contextmanager
@@ -29,16 +29,6 @@ def process(start: Start, *arguments: str) -> Iterator[Program]:
         child.communicate()
 
 
-def enabled(client: RosClient) -> None:
-    """Enable it, again and again: it may be found by the client before it has found that."""
-
-    def is_enabled() -> bool:
-        client.state_command("enable")
-        return bool(client.state.state == "ENABLED" and not client.state.is_busy)
-
-    until(is_enabled, "it is enabled")
-
-
 @pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     "numbers",
@@ -48,12 +38,12 @@ def enabled(client: RosClient) -> None:
 def test_signals_end_it_with_the_arm_held(start: Start, numbers: list[signal.Signals]) -> None:
     with RosClient("/signalled") as client, process(start, "/signalled") as child:
         client.check_connections()
-        enabled(client)
+        client.reach("enable", "ENABLED")
         client.send("move_jp", JointState(position=[0.9, 0.0, 0.0, 0.0]))
         client["operating_state"].wait(lambda m: m.is_busy)
         for number in numbers:
             child.send_signal(number)
-        out, err = child.communicate(timeout=EXIT)
+        out, err = child.communicate(timeout=LONG)
         assert child.returncode == 0, err
         assert "held" in out
         assert "Traceback" not in err
@@ -66,7 +56,7 @@ def test_it_ends_although_a_writer_blocks(start: Start) -> None:
         assert child.stdout is not None
         assert child.stdout.readline() == "blocked\n"
         child.send_signal(signal.SIGTERM)
-        out, err = child.communicate(timeout=EXIT)
+        out, err = child.communicate(timeout=LONG)
         assert child.returncode == 0, err
         assert "held" in out
         assert "still blocks" in err
@@ -82,7 +72,7 @@ def test_it_ends_although_a_writer_blocks(start: Start) -> None:
 )
 def test_bad_ros_arguments_end_it_at_once(start: Start, arguments: list[str], text: str) -> None:
     with process(start, "/refused", *arguments) as child:
-        _, err = child.communicate(timeout=EXIT)
+        _, err = child.communicate(timeout=LONG)
         assert child.returncode != 0
         assert text in err
 
@@ -96,10 +86,10 @@ def test_two_processes_in_two_namespaces(start: Start) -> None:
     ):
         for client in (west, east):
             client.check_connections()
-        enabled(west)
+        west.reach("enable", "ENABLED")
         west.move("move_jp", JointState(position=[0.1, 0.0, 0.0, 0.0]))
         assert east.state.state == "DISABLED"
-        enabled(east)
+        east.reach("enable", "ENABLED")
         assert east["measured_js"].wait(since=east["measured_js"].mark()).position[0] == 0.0
         tf = west["/tf"]
         for frame in ("west/tool", "east/tool"):

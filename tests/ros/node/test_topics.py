@@ -18,7 +18,7 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.ros.topics import coherent
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.loopback_node import RATE, Rig, rig_of, serve, until
-from rigs.ros_client import COMMANDED, PUBLISHED, TRANSIENT, RosClient, stamp_ns
+from rigs.ros_client import COMMANDED, PUBLISHED, TRANSIENT, Inbox, RosClient, stamp_ns
 
 JOINTS = ["x", "y", "z", "yaw"]
 NEVER_OFFERED = ("use_gravity_compensation", "local/servo_cp", "body/servo_cp", "measured2_js")
@@ -335,14 +335,11 @@ def test_qos_can_be_overridden_in_a_file_of_parameters(tmp_path: Path) -> None:
 def test_devices_do_not_share_frames(rig: Rig) -> None:
     expected = {f"{rig.client.namespace.strip('/')}/tool", "left/tool", "right/tool"}
     with rig_of("/left") as left, rig_of("/right") as right:
-        frames = set()
         for each in (left, right):
             inbox = each.client["/tf"]
-            until(
-                lambda inbox=inbox: (
-                    len({m.transforms[0].child_frame_id for m in inbox.messages}) == len(expected)
-                ),
-                "all arms are on /tf",
-            )
-            frames |= {m.transforms[0].child_frame_id for m in inbox.messages}
-        assert frames == expected
+
+            def frames(inbox: Inbox = inbox) -> set[str]:
+                return {message.transforms[0].child_frame_id for message in inbox.messages}
+
+            until(lambda frames=frames: expected <= frames(), "all arms are on /tf")
+            assert frames() == expected

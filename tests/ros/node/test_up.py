@@ -13,11 +13,11 @@ import crtk_drivers
 from crtk_drivers.client import connect
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from rigs.lab_up import up
+from rigs.waiting import LONG
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 
-LONG = 60.0
 LAB = """
 [devices.one]
 plugin = "loopback"

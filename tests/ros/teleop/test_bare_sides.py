@@ -11,13 +11,12 @@ import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 
-from crtk_drivers.client import RemoteDevice
+from crtk_drivers.client import RemoteDevice, discovery
 from crtk_drivers.client.ros_link import Link
 from crtk_drivers.client.teleop import Teleoperation, loop, reached_sides
 from crtk_drivers.client.teleop.side import Listened
 from crtk_drivers.motion.teleop import Heard, Phase, TeleopSettings
 from rigs.loopback_node import until
-from rigs.ros_client import TIMEOUT
 from rigs.waiting import LONG
 
 LEADER, FOLLOWER = "/bare_hand", "/bare_arm"
@@ -94,7 +93,7 @@ class Foot:
 def bare() -> Iterator[Bare]:
     both = Bare()
     try:
-        with reached_sides(LEADER, FOLLOWER, TIMEOUT) as (_, leader, follower):
+        with reached_sides(LEADER, FOLLOWER, LONG) as (_, leader, follower):
             both.sides = leader, follower
             yield both
     finally:
@@ -148,9 +147,10 @@ def test_a_follower_that_tells_no_pose_is_not_seen_to_stand(
         assert "was not seen to stand" in running.end()
 
 
-def test_a_message_that_comes_late_is_left_out_and_one_of_a_clock_that_was_set_back_is_not() -> (
-    None
-):
+def test_a_message_that_comes_late_is_left_out_and_one_of_a_clock_that_was_set_back_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(discovery, "SETTLE", 0.0)  # a side is known whole by its one topic
     link = Link("late")
     told = link.node.create_publisher(PoseStamped, "/late_hand/measured_cp", 10)
     link.start()
@@ -162,7 +162,7 @@ def test_a_message_that_comes_late_is_left_out_and_one_of_a_clock_that_was_set_b
         told.publish(message)
 
     try:
-        with reached_sides("/late_hand", "/late_hand", TIMEOUT) as (_, side, _same):
+        with reached_sides("/late_hand", "/late_hand", LONG) as (_, side, _same):
             arrived: list[float] = []
             heard = Listened(side, ("measured_cp",), (), (), (), lambda: None)
             side.on("measured_cp", lambda value, stamp: arrived.append(stamp))

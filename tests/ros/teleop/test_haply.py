@@ -14,7 +14,7 @@ from crtk_drivers.motion.teleop import Phase
 from crtk_drivers.session import Session
 from crtk_sim_backends.haply import SIM
 from rigs.loopback_node import served, until
-from rigs.ros_client import TIMEOUT
+from rigs.waiting import LONG
 
 LAB = Path(__file__).parents[3] / "examples" / "haply_teleop.toml"
 
@@ -32,7 +32,7 @@ def test_the_arm_goes_the_way_of_the_handle_and_the_handle_feels_the_wall() -> N
         with (
             served(Session(haply.plugin, handle), haply.namespace),
             served(Session(arm.plugin, arm.config.model_copy(update=patient)), arm.namespace),
-            reached_sides(given.leader, given.follower, TIMEOUT) as (link, leader, follower),
+            reached_sides(given.leader, given.follower, LONG) as (link, leader, follower),
         ):
             for device in (leader, follower):
                 device.enable()

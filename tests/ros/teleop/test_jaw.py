@@ -21,7 +21,6 @@ from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.loopback_node import serve, until
-from rigs.ros_client import TIMEOUT
 from rigs.waiting import LONG
 
 GRIPPER = {
@@ -126,7 +125,7 @@ def test_the_jaw_is_led_once_the_hand_has_been_where_it_is() -> None:
     with (
         serve(LoopbackConfig(address="hand"), "/jaw_hand", [], plugin=HAND) as (hand, _),
         serve(LoopbackConfig(address="arm"), "/jaw_arm", [], plugin=ARM) as (arm, _),
-        reached_sides("/jaw_hand", "/jaw_arm", TIMEOUT) as (_, leader, follower),
+        reached_sides("/jaw_hand", "/jaw_arm", LONG) as (_, leader, follower),
     ):
         for device in (leader, follower):
             device.enable()

@@ -30,7 +30,6 @@ from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig
 from rigs.loopback_node import serve, until
 from rigs.programs import COMMAND, Start
-from rigs.ros_client import TIMEOUT
 from rigs.waiting import LONG
 
 LEADER, FOLLOWER, PEDAL = "/teleop_hand", "/teleop_arm", "/teleop_pedals/engage"
@@ -78,7 +77,7 @@ def table() -> Iterator[Table]:
         with (
             serve(LoopbackConfig(address="hand"), LEADER, []) as (hand, _),
             serve(LoopbackConfig(address="arm"), FOLLOWER, []) as (arm, _),
-            reached_sides(LEADER, FOLLOWER, TIMEOUT) as (link, leader, follower),
+            reached_sides(LEADER, FOLLOWER, LONG) as (link, leader, follower),
         ):
             yield Table({LEADER: hand, FOLLOWER: arm}, link, leader, follower, foot)
     finally:
@@ -123,7 +122,7 @@ def couple(table: Table, loop: Teleoperation) -> None:
 
 
 def position(device: RemoteDevice) -> Any:
-    return device.measured_cp(age=0, wait=TIMEOUT).position
+    return device.measured_cp(age=0, wait=LONG).position
 
 
 def at(device: RemoteDevice, wanted: Any) -> bool:
@@ -131,20 +130,20 @@ def at(device: RemoteDevice, wanted: Any) -> bool:
 
 
 def stands(device: RemoteDevice) -> bool:
-    return float(np.linalg.norm(device.measured_cv(age=0, wait=TIMEOUT).linear)) < 1e-3
+    return float(np.linalg.norm(device.measured_cv(age=0, wait=LONG).linear)) < 1e-3
 
 
 def test_the_follower_goes_the_way_of_the_leader_and_the_clutch_lets_it_stand(table: Table) -> None:
     with running(table, scale=0.5) as loop:
         couple(table, loop)
         start, here = position(table.follower), position(table.leader)
-        table.leader.move_jp([*(here + vector((0.04, 0.0, -0.02))), 0.0]).wait(TIMEOUT)
+        table.leader.move_jp([*(here + vector((0.04, 0.0, -0.02))), 0.0]).wait(LONG)
         goal = start + vector((0.02, 0.0, -0.01))
         until(lambda: at(table.follower, goal), "half of the way")
 
         table.foot.pressed = False
         phase(loop, Phase.RELEASED)
-        table.leader.move_jp([*(here - 0.2), 0.5]).wait(TIMEOUT)
+        table.leader.move_jp([*(here - 0.2), 0.5]).wait(LONG)
         couple(table, loop)
         assert at(table.follower, goal), "where the hand was put meanwhile moves nothing"
 
@@ -166,7 +165,7 @@ def test_a_fault_of_the_follower_holds_both_and_they_begin_again_without_a_jump(
         table.device(FOLLOWER).reported = Condition()
         table.follower.enable()
         until(lambda: "let the pedal go first" in loop.coupled.reason, "it must be let go")
-        table.leader.move_jp([0.3, 0.3, 0.3, 1.0]).wait(TIMEOUT)
+        table.leader.move_jp([0.3, 0.3, 0.3, 1.0]).wait(LONG)
         assert loop.coupled.phase is Phase.HELD
         couple(table, loop)
         assert at(table.follower, there)
@@ -272,7 +271,7 @@ def test_the_command_runs_until_it_is_interrupted_and_says_that_both_are_held(
     with (
         log.open("w") as told,
         start(
-            *(COMMAND, "teleop", str(lab_file(tmp_path)), "--enable", "--timeout", str(TIMEOUT)),
+            *(COMMAND, "teleop", str(lab_file(tmp_path)), "--enable", "--timeout", str(LONG)),
             stderr=told.fileno(),
         ) as process,
     ):
@@ -282,7 +281,7 @@ def test_the_command_runs_until_it_is_interrupted_and_says_that_both_are_held(
             table.foot.pressed = True
             until(lambda: "FOLLOWING" in log.read_text(), "they are coupled")
             process.send_signal(signal.SIGINT)
-            assert process.wait(TIMEOUT) == 0, log.read_text()
+            assert process.wait(LONG) == 0, log.read_text()
         finally:
             process.kill()
     assert "both are held" in log.read_text()
@@ -303,7 +302,7 @@ def test_an_interrupt_that_is_lost_on_its_way_ends_it_all_the_same(
         return read(pedal)
 
     monkeypatch.setattr(TopicPedal, "read", losing)
-    code, _, told = run_far("teleop", str(lab_file(tmp_path)), "--timeout", str(TIMEOUT))
+    code, _, told = run_far("teleop", str(lab_file(tmp_path)), "--timeout", str(LONG))
     assert lost
     assert code == 0, told
     assert "both are held" in told

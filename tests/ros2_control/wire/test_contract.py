@@ -17,17 +17,25 @@ from crtk_sim_backends.process import RunningSim  # noqa: E402
 from crtk_sim_backends.ros2_control import SIM  # noqa: E402
 from crtk_sim_backends.ros2_control.description import urdf_of  # noqa: E402
 from crtk_sim_backends.ros2_control.joints import JointLimits  # noqa: E402
+from crtk_sim_backends.ros2_control.robot import START  # noqa: E402
 from rigs.ros2_control_bench import TRAJECTORY, configuration  # noqa: E402
 from rigs.waiting import LONG  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
 
-@pytest.fixture
-def sim() -> Iterator[RunningSim]:
-    """A simulated robot, at its start: where goals of tests lead to, its wrist is near a singularity."""
+@pytest.fixture(scope="module")
+def robot() -> Iterator[RunningSim]:
+    """A simulated robot; one for all tests."""
     with SIM.spawn() as sim:
         yield sim
+
+
+@pytest.fixture
+def sim(robot: RunningSim) -> RunningSim:
+    """The robot at its start: where goals of tests lead to, its wrist is near a singularity."""
+    robot.control.call("place", positions=START)
+    return robot
 
 
 @pytest.fixture(scope="module")

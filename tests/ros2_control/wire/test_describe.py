@@ -1,5 +1,6 @@
 """What a robot has, told to people and written as a configuration that works."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from crtk_driver_ros2_control.tools import TOOLS
 from crtk_driver_ros2_control.written import configuration_of, roles_in, text_of, untimed_in
 from crtk_drivers.device import Mode
 from crtk_drivers.errors import ConfigError, ConnectionFailed
+from crtk_sim_backends.process import RunningSim
 from crtk_sim_backends.ros2_control import SIM
 from crtk_sim_backends.ros2_control.description import urdf_of
 from crtk_sim_backends.ros2_control.joints import JointLimits
@@ -20,13 +22,17 @@ pytestmark = pytest.mark.ros
 (DESCRIBE,) = TOOLS
 
 
-def test_the_configuration_that_is_written_makes_the_device(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.fixture(scope="module")
+def robot() -> Iterator[RunningSim]:
     with SIM.spawn() as sim:
-        config = configuration(sim)
-        options = DESCRIBE.options(folder=str(tmp_path))  # type: ignore[call-arg]
-        assert DESCRIBE.run(config, options) == 0
+        yield sim
+
+
+def test_the_configuration_that_is_written_makes_the_device(
+    robot: RunningSim, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = DESCRIBE.options(folder=str(tmp_path))  # type: ignore[call-arg]
+    assert DESCRIBE.run(configuration(robot), options) == 0
     told = capsys.readouterr().out
     assert "position_controller: joint_1" in told
     assert "admittance_controller: inactive" in told
@@ -96,11 +102,17 @@ def test_controllers_without_a_timeout_are_written_as_comments_that_say_why(
     assert {Mode.JOINT_VELOCITY, Mode.JOINT_EFFORT} <= with_them.capabilities.modes
 
 
-def test_an_answer_that_is_lost_is_asked_for_again(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_answer_that_is_lost_is_asked_for_again(
+    robot: RunningSim, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The first to a client that the other side has not found yet."""
-    with SIM.spawn() as sim:
-        sim.control.inject("lost_answers", count=2)
-        assert DESCRIBE.run(configuration(sim), DESCRIBE.options()) == 0  # type: ignore[call-arg]
+    # Two answers of each of seven services are lost: it need not wait for each as long as for a real robot.
+    monkeypatch.setattr("crtk_driver_ros2_control.foreign.survey.AGAIN", 0.05)
+    robot.control.inject("lost_answers", count=2)
+    try:
+        assert DESCRIBE.run(configuration(robot), DESCRIBE.options()) == 0  # type: ignore[call-arg]
+    finally:
+        robot.control.clear()
     assert "position_controller: joint_1" in capsys.readouterr().out
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -46,17 +47,21 @@ def sim(shared: RunningSim) -> Iterator[RunningSim]:
 @pytest.fixture(params=LINKS)
 def running(sim: RunningSim, request: pytest.FixtureRequest) -> Iterator[SchunkBench]:
     """A driver at it, on each way, enabled and open."""
-    yield from enabled(sim, request.param)
+    with enabled(sim, request.param) as bench:
+        yield bench
 
 
 @pytest.fixture
 def web(sim: RunningSim) -> Iterator[SchunkBench]:
     """A driver at its web server."""
-    yield from enabled(sim, "http")
+    with enabled(sim, "http") as bench:
+        yield bench
 
 
-def enabled(sim: RunningSim, link: str) -> Iterator[SchunkBench]:
-    with SchunkBench(sim, configuration(sim, link=link)) as bench:
+@contextmanager
+def enabled(sim: RunningSim, link: str, **values: Any) -> Iterator[SchunkBench]:
+    """Run a driver at it, enabled and open."""
+    with SchunkBench(sim, configuration(sim, link=link, **values)) as bench:
         enable(bench)
         bench.front.move_jp([0.05]).wait(LONG)
         yield bench
@@ -174,21 +179,22 @@ def test_force_is_in_newtons(web: SchunkBench) -> None:
 # ----------------------------------------------------------------------------- what would move it
 
 
-def test_power_that_comes_back_moves_nothing(web: SchunkBench) -> None:
+def test_power_that_comes_back_moves_nothing(sim: RunningSim) -> None:
     """It starts with an error, which enable acknowledges."""
-    web.sim.control.inject("reset_widest")
-    web.sim.control.inject("unpowered")
-    web.state(FAULT)
-    web.sim.control.clear("unpowered")
-    web.connected()
-    web.state(FAULT, "fieldbus")
-    writes = web.simulated("writes")
-    web.samples(10)
-    assert web.simulated("writes") == writes
-    web.front.enable()
-    web.samples(10)
-    assert web.simulated("widest") == pytest.approx(0.05, abs=1e-4)
-    assert not web.simulated("moves")
+    with enabled(sim, "http", sample_timeout=1.0) as web:
+        sim.control.inject("reset_widest")
+        sim.control.inject("unpowered")
+        web.state(FAULT)
+        sim.control.clear("unpowered")
+        web.connected()
+        web.state(FAULT, "fieldbus")
+        writes = web.simulated("writes")
+        web.samples(10)
+        assert web.simulated("writes") == writes
+        web.front.enable()
+        web.samples(10)
+        assert web.simulated("widest") == pytest.approx(0.05, abs=1e-4)
+        assert not web.simulated("moves")
 
 
 def test_services_are_for_their_states(web: SchunkBench) -> None:
@@ -340,7 +346,7 @@ def test_answers_that_are_later_than_the_timeout_are_never_taken_for_new_ones(
 @pytest.mark.sweep(4)
 @pytest.mark.parametrize("link", LINKS)
 def test_a_unit_that_falls_silent_is_a_fault_and_found_again(sim: RunningSim, link: str) -> None:
-    config = configuration(sim, link=link, open_timeout=1.0, sample_timeout=0.5)
+    config = configuration(sim, link=link, open_timeout=0.5, sample_timeout=0.5)
     with SchunkBench(sim, config) as bench:
         enable(bench)
         sim.control.inject("unit_silent")

@@ -15,7 +15,7 @@ from pymodbus.client import ModbusSerialClient
 
 from crtk_sim_backends.schunk.gripper import SIM, RunningSim
 from rigs.schunk_bench import BRISK, FREE_PORTS
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 IDLE, ACKNOWLEDGE, GRIP = 0x1, 0x5, 0x1001
 READY, SUCCESS, TOGGLE, ERROR, GRIPPED = 0x1, 0x10, 0x20, 0x80, 0x1000
@@ -39,7 +39,7 @@ def sim(shared: RunningSim) -> Iterator[RunningSim]:
 
 @pytest.fixture
 def web(sim: RunningSim) -> Iterator[HTTPConnection]:
-    connection = HTTPConnection(sim.host, sim.ports["http"], timeout=10.0)
+    connection = HTTPConnection(sim.host, sim.ports["http"], timeout=LONG)
     yield connection
     connection.close()
 
@@ -98,7 +98,7 @@ def test_what_is_wrong_is_refused_and_changes_nothing(
 
 
 def master(sim: RunningSim) -> Any:
-    client = ModbusSerialClient(sim.ttys["serial"], baudrate=115200, timeout=2)
+    client = ModbusSerialClient(sim.ttys["serial"], baudrate=115200, timeout=LONG)
     assert client.connect()
     return client
 

@@ -98,9 +98,9 @@ def test_f3_a_controller_that_comes_later_is_found(caplog):
     [((POWER_ON, IDLE), "lost its power while it came up"), ((POWER_OFF,), "did not begin")],
 )
 def test_power_that_is_lost_while_it_comes_ends_enable_at_once(monkeypatch, lost_in, told):
-    monkeypatch.setattr(robot, "POWER_BEGINS", 2.0)
+    monkeypatch.setattr(robot, "POWER_BEGINS", 1.2)
     # A quarter of it until it shows: so long who takes the power away may be held up.
-    with ur_bench(CONFIG, powered_on=False, power_seconds=3.0) as bench:
+    with ur_bench(CONFIG, powered_on=False, power_seconds=2.0) as bench:
         bench.engine.state_command("enable")
 
         def failed():
@@ -130,7 +130,7 @@ def test_f16_a_program_left_by_an_interrupted_start_is_stopped_by_the_next_enabl
             eventually(lambda: len(bench.sim.control.status()["scripts"]) > before, "an upload")
             os.kill(bench.child, signal.SIGKILL)
             bench.until_state("FAULT", "the control process")
-            runs_out = bench.outputs("timestamp") + 2.0 / bench.session.config.watchdog_frequency
+            runs_out = bench.outputs("timestamp") + 1.5 / bench.session.config.watchdog_frequency
             eventually(lambda: bench.outputs("timestamp") > runs_out, "a watchdog has acted")
             return bool(bench.outputs("runtime_state") == PLAYING)
 

@@ -13,6 +13,7 @@ import pytest
 
 from crtk_driver_ur.library.sequencer import LONGEST_STEP
 from crtk_driver_ur.models import JOINT_NAMES, model_named
+from crtk_driver_ur.native import registers
 from crtk_driver_ur.native.link import STOP_TIMEOUT
 from crtk_drivers.engine import cycle
 from crtk_drivers.errors import CommandRefused, ConfigError, DeviceError, MotionAborted
@@ -198,12 +199,15 @@ def test_a_stop_that_was_sent_late_is_not_repeated_another_way(bench, monkeypatc
 
 
 @pytest.mark.parametrize("shared", ["native"], indirect=True)
-def test_a_stop_does_not_wait_for_a_thread_that_hangs_in_the_connection(bench, record_property):
+def test_a_stop_does_not_wait_for_a_thread_that_hangs_in_the_connection(
+    bench, monkeypatch, record_property
+):
     """The lock of the channel is never given back: a program that only stops takes the place of ours."""
     bench.arm.move_jp(FAR)
     bench.until_moving(speed=1.0)
     channel = bench.device._link._channel
     channel._lock.acquire()
+    monkeypatch.setattr(registers, "LOCK_TIMEOUT", 0.5)  # nobody gives it back
     try:
         began = time.monotonic()
         stopper = threading.Thread(target=bench.device.stop)
@@ -289,7 +293,7 @@ def test_a_move_that_the_control_process_stopped_as_it_heard_nothing_says_so():
         with pytest.raises(MotionAborted, match="heard nothing of the driver"):
             move.wait(LONG)
         assert bench.q()[0] < FAR[0] - 0.1
-        assert bench.arm.move_jp(HOME).wait(LONG)
+        assert bench.arm.move_jr([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0]).wait(LONG)
 
 
 # Ranges.

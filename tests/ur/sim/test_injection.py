@@ -11,15 +11,8 @@ from crtk_sim_backends.control import ControlClient, ControlError
 from crtk_sim_backends.kit import HOOKS
 from crtk_sim_backends.ur import SIM
 from crtk_sim_backends.ur.injection import BEGIN, END, KINDS
-from rigs.ur_clients import (
-    PATIENCE,
-    PORTS,
-    DashboardClient,
-    PrimaryClient,
-    RtdeClient,
-    TcpClient,
-    wait_until,
-)
+from rigs.ur_clients import PORTS, DashboardClient, PrimaryClient, RtdeClient, TcpClient, wait_until
+from rigs.waiting import LONG
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +46,7 @@ def drain(client):
     except TimeoutError:
         return
     finally:
-        client.socket.settimeout(PATIENCE)
+        client.socket.settimeout(LONG)
 
 
 def test_disconnect_closes_connections_and_new_ones_are_welcome(sim, stream):

@@ -23,8 +23,8 @@ from crtk_sim_backends.ur.motion.calibration import calibrated, kinematics_of
 from crtk_sim_backends.ur.motion.kinematics import to_pose, to_transform
 from crtk_sim_backends.ur.views.scene import _joint, chain
 from rigs.ur_clients import own_address, wait_until
+from rigs.waiting import LONG
 
-PATIENCE = 20.0
 PAGE = Path(server.__file__).with_name("files")
 JSON = {"Content-Type": "application/json", "Authorization": f"Bearer {token()}"}
 
@@ -37,7 +37,7 @@ def sim():
 
 def ask(sim, path, body=None, **headers):
     """Return status and body of a request."""
-    connection = http.client.HTTPConnection(sim.host, sim.ports["web"], timeout=PATIENCE)
+    connection = http.client.HTTPConnection(sim.host, sim.ports["web"], timeout=LONG)
     with contextlib.closing(connection):
         method = "GET" if body is None else "POST"
         connection.request(method, path, body, headers)
@@ -80,7 +80,7 @@ class Events:
     """The stream of pictures."""
 
     def __init__(self, sim):
-        self.connection = http.client.HTTPConnection(sim.host, sim.ports["web"], timeout=PATIENCE)
+        self.connection = http.client.HTTPConnection(sim.host, sim.ports["web"], timeout=LONG)
         self.connection.request("GET", "/events")
         self.answer = self.connection.getresponse()
 
@@ -191,7 +191,7 @@ def test_a_ninth_browser_is_refused_and_a_place_becomes_free_again():
             with Events(own) as events:
                 return events.answer.status == 200
 
-        wait_until(free, PATIENCE)
+        wait_until(free, LONG)
 
 
 def test_a_simulator_that_hangs_is_told_and_comes_back():
@@ -228,7 +228,7 @@ def test_the_page_ends_with_the_simulator(end):
             return True
         return False
 
-    wait_until(refused, PATIENCE)
+    wait_until(refused, LONG)
 
 
 # ----------------------------------------------------------------------------------------- kinematics
@@ -275,7 +275,7 @@ def computed(tmp_path_factory):
         input=json.dumps(cases),
         capture_output=True,
         text=True,
-        timeout=PATIENCE,
+        timeout=LONG,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -378,7 +378,7 @@ def test_the_picture_moves_with_the_arm_and_with_the_mouse(shown, sim):
             buttons=1,
             clickCount=1,
         )
-    wait_until(lambda: shown.run(INK)[1] != after, PATIENCE)
+    wait_until(lambda: shown.run(INK)[1] != after, LONG)
 
 
 WITHIN = """[...document.querySelectorAll("#buttons button")].every((each) => {

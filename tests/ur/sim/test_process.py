@@ -13,7 +13,8 @@ import pytest
 import crtk_sim_backends
 from crtk_sim_backends.process import SimStartError, loopback_addresses
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig
-from rigs.ur_clients import PATIENCE, DashboardClient, last_json, wait_until
+from rigs.ur_clients import DashboardClient, last_json, wait_until
+from rigs.waiting import LONG
 
 pytestmark = pytest.mark.usefixtures("cold_start")
 
@@ -149,7 +150,7 @@ def test_it_runs_alone_in_the_foreground_with_a_banner():
         with DashboardClient(host) as dashboard:
             assert dashboard.ask("robotmode") == "Robotmode: POWER_OFF"
         process.send_signal(signal.SIGINT)
-        assert process.wait(PATIENCE) == 0
+        assert process.wait(LONG) == 0
 
 
 def test_every_option_has_help_and_a_default():

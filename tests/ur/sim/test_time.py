@@ -12,8 +12,7 @@ from crtk_sim_backends.ur import SIM, ConfigError, SimConfig
 from crtk_sim_backends.ur.motion.arm import SUDDEN_CHANGE
 from crtk_sim_backends.ur.pace import Pace, Statistics
 from rigs.ur_clients import DashboardClient, RtdeClient, own_address, wait_until
-
-PATIENCE = 20.0
+from rigs.waiting import LONG
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 10.0])
@@ -91,7 +90,7 @@ def test_at_ten_times_the_speed_minutes_pass_in_seconds_without_a_lost_period():
         client.setup_outputs("timestamp", 125)
         assert client.start()
         began, (first,) = time.monotonic(), client.data()
-        (last,) = client.wait_for(lambda values: values[0] > first + 20.0, PATIENCE)
+        (last,) = client.wait_for(lambda values: values[0] > first + 20.0, LONG)
         assert time.monotonic() - began < last - first
         speed = sim.control.status()["speed"]
         assert speed["wanted"] == 10.0
@@ -101,7 +100,7 @@ def test_at_ten_times_the_speed_minutes_pass_in_seconds_without_a_lost_period():
 def test_at_a_tenth_of_the_speed_the_time_passes_slowly():
     with SIM.spawn(speed=0.1) as sim:
         before, first = time.monotonic(), sim.control.status()["time"]
-        wait_until(lambda: sim.control.status()["time"] > first + 0.05, PATIENCE)
+        wait_until(lambda: sim.control.status()["time"] > first + 0.05, LONG)
         last, after = sim.control.status()["time"], time.monotonic()
         # A delay of up to 0.1 s may be made up for.
         assert last - first <= 0.1 * (after - before + 0.1) + 0.002
@@ -118,17 +117,17 @@ def test_periods_that_nobody_waits_for_are_done_with_the_next():
         client.setup_outputs("timestamp", 125)
         assert client.start()
         (first,), waited = client.data(), switches(sim.pid)
-        (last,) = client.wait_for(lambda values: values[0] > first + 0.5, PATIENCE)
+        (last,) = client.wait_for(lambda values: values[0] > first + 0.5, LONG)
         assert switches(sim.pid) - waited < 0.5 * (last - first) / 0.002
 
 
 def test_time_that_the_machine_does_not_give_is_counted(capfd):
     with SIM.spawn(speed=10.0) as sim:
-        wait_until(lambda: sim.control.status()["time"] > 1.0, PATIENCE)
+        wait_until(lambda: sim.control.status()["time"] > 1.0, LONG)
         os.kill(sim.pid, signal.SIGSTOP)
         time.sleep(0.5)  # for so long others have the machine
         os.kill(sim.pid, signal.SIGCONT)
-        wait_until(lambda: sim.control.status()["speed"]["reached"] < 9.5, PATIENCE)
+        wait_until(lambda: sim.control.status()["speed"]["reached"] < 9.5, LONG)
         assert sim.control.status()["statistics"]["skipped"] > 0
     assert "the machine does not keep up" in capfd.readouterr().err
 
@@ -143,6 +142,6 @@ def test_a_protective_stop_is_locked_for_five_seconds_of_the_controller():
             sim.control.inject("protective_stop")
             return "until 5s" in dashboard.ask("unlock protective stop")
 
-        wait_until(is_locked, PATIENCE)
-        wait_until(lambda: "releasing" in dashboard.ask("unlock protective stop"), PATIENCE)
+        wait_until(is_locked, LONG)
+        wait_until(lambda: "releasing" in dashboard.ask("unlock protective stop"), LONG)
         assert sim.control.status()["time"] - before >= 5.0

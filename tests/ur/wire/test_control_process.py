@@ -36,6 +36,10 @@ SPEED_J, SERVO_J, SPEED_STOP, SERVO_STOP, STOP_J, SET_WATCHDOG = 9, 11, 15, 16, 
 MOVE_J, STOP_SCRIPT = 1, 255
 PATIENT = ControlOptions(watchdog_frequency=ur_watchdog.FREQUENCY)
 """As that of the bench: a process that gets no time for a while is no reason to end the program."""
+QUICK = replace(PATIENT, watchdog_frequency=QUICK_WATCHDOG)
+"""Where the controller's watchdog is waited for."""
+NO_DOUBT = 0.8
+"""Seconds of silence after which a process counts as hung that the test has stopped itself."""
 
 
 class Driver:
@@ -337,8 +341,8 @@ def test_a_motion_is_stopped_before_the_next(driver, first, second):
 
 
 def test_of_two_waiting_commands_the_newest_is_carried_out(sim):
-    """They wait for two seconds, until a speed has been slowed down."""
-    slow = replace(PATIENT, motion=MotionOptions(linear_deceleration=0.05))
+    """They wait for more than a second, until a speed has been slowed down."""
+    slow = replace(PATIENT, motion=MotionOptions(linear_deceleration=0.08))
     with started(sim, slow) as driver:
         driver.connect()
         q = driver.outputs("actual_q")
@@ -449,11 +453,14 @@ def test_power_cycle_by_dashboard():
         driver.event(EventKind.PROGRAM_STOPPED)
 
 
-def test_slow_dashboard_does_not_starve_the_watchdog(driver):
-    driver.sim.control.inject("delay", port="dashboard", seconds=1.0)
-    reply = driver.reply(driver.supervisor.request("robot_mode"))
-    assert reply.error is None
-    assert driver.outputs("runtime_state") == PLAYING
+def test_slow_dashboard_does_not_starve_the_watchdog(sim):
+    """The answer takes three delays, which is longer than the watchdog waits."""
+    with started(sim, QUICK) as driver:
+        driver.connect()
+        driver.sim.control.inject("delay", port="dashboard", seconds=0.5 / QUICK_WATCHDOG)
+        reply = driver.reply(driver.supervisor.request("robot_mode"))
+        assert reply.error is None
+        assert driver.outputs("runtime_state") == PLAYING
 
 
 def test_program_stopped_on_the_pendant_is_reported_and_uploaded_again(driver):
@@ -547,29 +554,33 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def test_killed_process_is_noticed_replaced_and_the_arm_stops(driver):
-    driver.supervisor.send_speed_joint([0.2, 0, 0, 0, 0, 0], 2.0, LONG)
-    driver.until(lambda: not driver.stands(), "motion")
-    os.kill(driver.supervisor.status.pid, signal.SIGKILL)
-    died = driver.event(EventKind.PROCESS_DIED)
-    assert "control process" in died.error.text
-    assert not driver.supervisor.status.alive
-    with pytest.raises(ConnectionLost, match="no control process"):
-        driver.supervisor.stop()
-    driver.until(driver.stands, "the watchdog of the controller stops the arm")
-    driver.until(lambda: driver.outputs("runtime_state") == STOPPED, "program stopped")
-    driver.supervisor.replace()
-    driver.connect()
-    assert driver.stands()
-    assert driver.supervisor.status.starts == 2
+def test_killed_process_is_noticed_replaced_and_the_arm_stops(sim):
+    with started(sim, QUICK) as driver:
+        driver.connect()
+        driver.supervisor.send_speed_joint([0.2, 0, 0, 0, 0, 0], 2.0, LONG)
+        driver.until(lambda: not driver.stands(), "motion")
+        os.kill(driver.supervisor.status.pid, signal.SIGKILL)
+        died = driver.event(EventKind.PROCESS_DIED)
+        assert "control process" in died.error.text
+        assert not driver.supervisor.status.alive
+        with pytest.raises(ConnectionLost, match="no control process"):
+            driver.supervisor.stop()
+        driver.until(driver.stands, "the watchdog of the controller stops the arm")
+        driver.until(lambda: driver.outputs("runtime_state") == STOPPED, "program stopped")
+        driver.supervisor.replace()
+        driver.connect()
+        assert driver.stands()
+        assert driver.supervisor.status.starts == 2
 
 
 def test_hung_process_is_unresponsive_and_replaced_without_waiting(driver):
     pid = driver.supervisor.status.pid
-    os.kill(pid, signal.SIGSTOP)
-    driver.until(lambda: not driver.supervisor.status.responsive, "silence")
-    driver.supervisor.replace()
-    driver.until(lambda: driver.supervisor.status.responsive, "the new one")
+    with patch.object(supervisor, "SILENCE_ALLOWED", NO_DOUBT):
+        driver.until(lambda: driver.supervisor._allowed == NO_DOUBT, "it was heard since then")
+        os.kill(pid, signal.SIGSTOP)
+        driver.until(lambda: not driver.supervisor.status.responsive, "silence")
+        driver.supervisor.replace()
+        driver.until(lambda: driver.supervisor.status.responsive, "the new one")
     assert driver.supervisor.status.pid != pid
     driver.until(lambda: not os.path.exists(f"/proc/{pid}"), "the old one is reaped")
     driver.connect()

@@ -16,12 +16,16 @@ DEFECTS = (
 )
 
 
-def measured(defects: str) -> tuple[list[Any], list[Any], Any]:
-    """Return joint states and poses of an arm that stands, and its kinematics."""
+Measured = tuple[list[Any], list[Any], Any]
+"""Joint states and poses of an arm that stands, and its kinematics."""
+
+
+def measured(defects: str, count: int = 100) -> Measured:
+    """Return what an arm with such defects tells in so many samples."""
     options = {"defects": defects, "version": "5.25.0"}
     with crtk_drivers.connect("ur", sim=True, sim_options=options, timeout=LONG, **PATIENT) as arm:
         states, poses = [], []
-        for _ in range(100):
+        for _ in range(count):
             before = arm.health().samples
             assert arm.engine.wait_for(lambda n=before: arm.health().samples > n, LONG)
             states.append(arm.measured_js())
@@ -29,8 +33,13 @@ def measured(defects: str) -> tuple[list[Any], list[Any], Any]:
         return states, poses, arm.engine.device.kinematics
 
 
-def test_what_is_told_of_joints_and_tool_is_off() -> None:
-    sound, sound_poses, kinematics = measured("")
+@pytest.fixture(scope="module")
+def without() -> Measured:
+    return measured("")
+
+
+def test_what_is_told_of_joints_and_tool_is_off(without: Measured) -> None:
+    sound, sound_poses, kinematics = without
     states, poses, _ = measured(";".join(DEFECTS))
     assert np.std([state.position for state in sound], axis=0).max() < 1e-9
     spread = np.std([state.position for state in states], axis=0)
@@ -50,7 +59,7 @@ def test_what_is_told_of_joints_and_tool_is_off() -> None:
     assert np.abs(mean - at_rest).max() > 5e-3, "the tool is told as if the base were turned"
 
 
-def test_a_tool_is_told_in_millimetres() -> None:
-    _, sound, _ = measured("")
-    _, poses, _ = measured("pose_scale=1000")
+def test_a_tool_is_told_in_millimetres(without: Measured) -> None:
+    _, sound, _ = without
+    _, poses, _ = measured("pose_scale=1000", 1)
     assert poses[0].position == pytest.approx(1000.0 * sound[0].position, rel=1e-3)

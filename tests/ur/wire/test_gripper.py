@@ -15,7 +15,7 @@ from crtk_driver_ur.tool_line import script_of
 from crtk_drivers.cli import main
 from crtk_drivers.config import AttachedConfig, from_values, load
 from crtk_drivers.errors import ConfigError, DataTimeout, PluginError, TransitionFailed
-from rigs.ur_bench import lenient
+from rigs.ur_bench import BRISK, lenient
 from rigs.ur_watchdog import rarely_fed
 from rigs.waiting import LONG, eventually
 
@@ -93,7 +93,9 @@ def connected(gripper: str | dict[str, Any], **values: Any) -> Iterator[Any]:
     with (
         lenient(),
         rarely_fed(),
-        crtk_drivers.connect("ur", sim=True, gripper=hung, timeout=LONG, **values) as arm,
+        crtk_drivers.connect(
+            "ur", sim=True, sim_options=BRISK, gripper=hung, timeout=LONG, **values
+        ) as arm,
     ):
         yield arm
 
@@ -308,6 +310,7 @@ def test_an_arm_that_was_away_is_told_again_what_it_carries(jawed: Any) -> None:
             return jawed.state.program_running() is False
         return False
 
+    jawed.sim.control.inject("stop_program")  # which its watchdog would do in two seconds
     eventually(has_ended, "the controller has ended our program")
     enable_after(jawed)
 

@@ -30,7 +30,16 @@ from crtk_driver_ur.rtde.stream import RtdeStream
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MotionAborted, TransitionFailed
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_sim_backends.ur import RunningSim
-from rigs.ur_bench import FAR, HOME, LONG, UrBench, brisk_sim, eventually, ur_bench
+from rigs.ur_bench import (
+    FAR,
+    HOME,
+    LONG,
+    QUICK_WATCHDOG,
+    UrBench,
+    brisk_sim,
+    eventually,
+    ur_bench,
+)
 
 STOPPED, PLAYING = 1, 2
 NORMAL = 1
@@ -315,7 +324,7 @@ def test_a_slow_arm_stops_before_the_end_of_a_range_as_well(rig, kind, slider):
 def test_a_setting_does_not_disturb_a_motion(rig):
     rig.start()
     goal = (2.5, *HOME[1:])
-    sequence = rig.channel.command(Kind.MOVE_JOINT, goal, 1.0, 4.0)
+    sequence = rig.channel.command(Kind.MOVE_JOINT, goal, 2.0, 4.0)
     rig.until(lambda state: state.target_qd[0] > 0.5)
     number = rig.channel.set(Setting.PAYLOAD, (1.25, 0.01, 0.0, 0.02))
     taken = rig.until(lambda state: rig.registers(state)[3] == number)
@@ -515,20 +524,22 @@ def test_the_upper_registers_serve_as_well():
         bench.until_outputs(payload=(1.5,))
 
 
-def test_a_lost_connection_for_commands_is_a_fault_and_the_arm_stops(bench):
-    move = bench.arm.move_jp(FAR)
-    bench.until_moving()
-    bench.device._link._channel.close()
-    status = bench.until_state("FAULT", "the connection for commands is lost")
-    assert not status.is_busy
-    with pytest.raises(MotionAborted, match="connection for commands"):
-        move.wait(LONG)
-    bench.until_still()
-    bench.until_outputs(runtime_state=(STOPPED,))
-    assert bench.engine.connected, "the state stream lives on"
-    with bench.nothing_moves():
+def test_a_lost_connection_for_commands_is_a_fault_and_the_arm_stops():
+    with ur_bench({**NATIVE, "watchdog_frequency": QUICK_WATCHDOG}) as bench:
         bench.enable()
-    assert bench.arm.move_jp(HOME).wait(LONG)
+        move = bench.arm.move_jp(FAR)
+        bench.until_moving()
+        bench.device._link._channel.close()
+        status = bench.until_state("FAULT", "the connection for commands is lost")
+        assert not status.is_busy
+        with pytest.raises(MotionAborted, match="connection for commands"):
+            move.wait(LONG)
+        bench.until_still()
+        bench.until_outputs(runtime_state=(STOPPED,))
+        assert bench.engine.connected, "the state stream lives on"
+        with bench.nothing_moves():
+            bench.enable()
+        assert bench.arm.move_jp(HOME).wait(LONG)
 
 
 def test_a_program_that_does_not_compile_is_told_in_the_controllers_words(bench, monkeypatch):

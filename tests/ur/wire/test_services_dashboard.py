@@ -1,10 +1,12 @@
 """Services of the UR driver: dashboard commands and the force sensor, against a simulated controller."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from unittest.mock import patch
 
 import pytest
 
-from crtk_driver_ur import robot
+from crtk_driver_ur import dashboard, robot
 from crtk_drivers.errors import CommandRefused, DeviceFault, Reason, TransitionFailed
 from rigs.ur_bench import FAR, LONG, UrBench, brisk_sim, driver_at, eventually, ur_bench
 
@@ -37,13 +39,20 @@ def bench(shared: UrBench) -> UrBench:
     return shared
 
 
-@pytest.fixture
-def idle():
+@contextmanager
+def without_power(power_seconds: float) -> Iterator[UrBench]:
     """A driver that was not enabled, at an arm without power."""
     with (
-        brisk_sim(model="ur5e", powered_on=False, power_seconds=0.8) as sim,
+        brisk_sim(model="ur5e", powered_on=False, power_seconds=power_seconds) as sim,
         driver_at(sim) as bench,
     ):
+        yield bench
+
+
+@pytest.fixture
+def idle():
+    """The same, whose power takes long enough for something to come in between."""
+    with without_power(0.8) as bench:
         yield bench
 
 
@@ -54,9 +63,9 @@ def refused(call, reason: Reason, words: str) -> None:
     assert caught.value.where
 
 
-def test_power_goes_up_and_down_step_by_step_and_moves_nothing(idle):
-    arm = idle.arm
-    with idle.nothing_moves():
+def test_power_goes_up_and_down_step_by_step_and_moves_nothing():
+    with without_power(0.1) as idle, idle.nothing_moves():
+        arm = idle.arm
         assert arm.power_on(timeout=LONG) == "IDLE"
         assert idle.outputs("robot_mode") == IDLE
         assert arm.power_on(timeout=LONG) == "IDLE"
@@ -217,8 +226,10 @@ def test_a_cb3_arm_has_no_force_sensor():
         assert bench.arm.program_state(timeout=LONG)
 
 
-def test_a_dashboard_that_is_silent_does_not_disturb_the_stream(bench):
+def test_a_dashboard_that_is_silent_does_not_disturb_the_stream(bench, monkeypatch):
     bench.inject("silence", port="dashboard")
+    soon = dashboard.REQUESTS["loaded_program"]._replace(timeout=1.0)
+    monkeypatch.setattr(dashboard, "REQUESTS", {**dashboard.REQUESTS, "loaded_program": soon})
     try:
         began = bench.engine.health().samples
         with pytest.raises(TransitionFailed):

@@ -4,9 +4,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 
+from crtk_driver_ur import device
 from crtk_drivers.errors import (
     CommandRefused,
     ConnectionLost,
@@ -69,7 +71,10 @@ def test_a_program_is_loaded_played_paused_and_stopped_and_control_comes_back(be
     assert bench.arm.play_program(timeout=LONG) == "Starting program"
     eventually(lambda: abs(bench.q()[0] - 0.4) < 1e-3, "it goes on")
     eventually(lambda: bench.arm.state.program_running() is True, "told")
-    with pytest.raises(CommandRefused, match="another program"):
+    with (
+        patch.object(device, "OTHER_PROGRAM_TIMEOUT", 0.2),  # it never ends
+        pytest.raises(CommandRefused, match="another program"),
+    ):
         bench.arm.enable(timeout=LONG)
     assert bench.arm.stop_program(timeout=LONG) == "Stopped"
     eventually(lambda: bench.arm.state.program_running() is False, "stopped")

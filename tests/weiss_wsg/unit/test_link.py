@@ -19,7 +19,7 @@ from crtk_driver_weiss_wsg.orders import Order
 from crtk_driver_weiss_wsg.tables import Command, Grasping, Status
 from crtk_drivers.config import from_values, load
 from crtk_drivers.kit import TcpTransport
-from rigs.waiting import endless, eventually
+from rigs.waiting import LONG, endless, eventually
 
 MOVE, STOP, RELEASE = Command.MOVE, Command.STOP, Command.RELEASE
 OK, PENDING = Status.OK, Status.PENDING
@@ -55,7 +55,7 @@ class Peer:
 
     def greet(self, *first: bytes) -> None:
         self.peer, _ = self._server.accept()
-        self.peer.settimeout(5.0)
+        self.peer.settimeout(LONG)
         self.peer.sendall(b"".join(first))
 
     def commands(self) -> list[int]:
@@ -76,7 +76,7 @@ def peer() -> Iterator[Peer]:
 
 
 def soon() -> float:
-    return time.monotonic() + 5.0
+    return time.monotonic() + LONG
 
 
 def greeted(peer: Peer, *first: bytes) -> threading.Thread:

@@ -19,6 +19,7 @@ import pytest
 
 from crtk_sim_backends.ur import SIM
 from rigs.ur_clients import PrimaryClient, RtdeClient, wait_until
+from rigs.waiting import LONG
 
 FOLDER = Path(os.environ.get("UR_CLIENT_LIBRARY", ""))
 pytestmark = pytest.mark.skipif(
@@ -26,7 +27,6 @@ pytestmark = pytest.mark.skipif(
 )
 
 HOST = "127.0.0.1"
-TIMEOUT = 20.0
 SCALE = 1_000_000  # of all values but times
 MILLI = 1000
 
@@ -88,7 +88,7 @@ class Peer:
             connections = []
             for listener in listeners:
                 with listener:
-                    listener.settimeout(TIMEOUT)
+                    listener.settimeout(LONG)
                     connections.append(listener.accept()[0])
         self.trajectory, self.script_command, self.reverse = connections
         self.connections = connections
@@ -119,7 +119,7 @@ class Peer:
         values: Callable[[], Sequence[float]] = lambda: (0,) * 6,
     ) -> None:
         """Repeat a command, once for each package of the controller, until something is so."""
-        end = time.monotonic() + TIMEOUT
+        end = time.monotonic() + LONG
         while not condition():
             assert time.monotonic() < end, f"not in mode {mode}"
             self.command(mode, values())
@@ -243,10 +243,10 @@ def test_commands_and_the_end(peer: Peer) -> None:
     peer.script_command.sendall(struct.pack(">28i", *command, *[0] * (28 - len(command))))
     peer.until(lambda: peer.state()[2] == pytest.approx(1.5), IDLE)
     peer.command(STOPPED)
-    wait_until(lambda: peer.state()[3] == 1, TIMEOUT)
+    wait_until(lambda: peer.state()[3] == 1, LONG)
 
 
 def test_the_program_ends_without_commands(peer: Peer) -> None:
     peer.at_rest()
     peer.command(IDLE, timeout=0.02)
-    wait_until(lambda: peer.state()[3] == 1, TIMEOUT)
+    wait_until(lambda: peer.state()[3] == 1, LONG)

@@ -7,8 +7,8 @@ import pytest
 
 from crtk_sim_backends.ur import SIM
 from rigs.ur_clients import DashboardClient, InterpreterClient, PrimaryClient, TcpClient, wait_until
+from rigs.waiting import LONG
 
-LONG = 20.0  # s, for what takes a moment
 PROGRAM = "def waits():\n  global a = 1\n  interpreter_mode(clearQueueOnEnter=False)\nend\n"
 REPLY = re.compile(r"(\w+):\W+(\d+)?")
 """With this UR's own examples ("interpreter mode" article) read the replies."""

@@ -17,8 +17,8 @@ from crtk_sim_backends.ur import SIM, ConfigError, SimConfig, SimStartError
 from crtk_sim_backends.ur.ports.modbus_server import ModbusSession
 from rigs.ur_clients import TcpClient, own_address, wait_until
 from rigs.ur_controller import Bench
+from rigs.waiting import LONG
 
-LONG = 60.0
 UNPRIVILEGED = Path("/proc/sys/net/ipv4/ip_unprivileged_port_start")
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 

@@ -12,8 +12,8 @@ from crtk_sim_backends import dynamixel
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig, SimStartError
 from rigs.dynamixel_packets import crc
 from rigs.ur_clients import TcpClient, wait_until
+from rigs.waiting import LONG
 
-LONG = 20.0
 TOOL = 54321
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from crtk_sim_backends.ur import SIM
 from rigs.ur_clients import PrimaryClient, TcpClient, wait_until
+from rigs.waiting import LONG
 
-LONG = 20.0
 READS, WRITES = (1, 2, 3, 4), (5, 6, 15, 16, 23)
 COUNTER = "output_int_register_9"
 
