@@ -68,6 +68,18 @@ def test_it():
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
+ENDS_ITS_WORKER_AFTER_ALL_TESTS = """
+import os
+import signal
+
+class Ending:
+    def pytest_sessionfinish(self):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+def test_it(request):
+    request.config.pluginmanager.register(Ending())
+"""
+
 HANGS_WITH_OTHERS = """
 import os
 import signal
@@ -162,6 +174,12 @@ def test_a_dead_worker_fails(tmp_path: Path) -> None:
     outcome = run_again(tmp_path, KILLS_ITS_WORKER)
     assert outcome.code == 1
     assert outcome.printed.startswith("test_it.py::test_it ended its worker: ")
+
+
+def test_a_worker_that_dies_outside_of_tests_fails(tmp_path: Path) -> None:
+    outcome = run_again(tmp_path, ENDS_ITS_WORKER_AFTER_ALL_TESTS)
+    assert outcome.code == 1
+    assert outcome.printed.startswith("no test of worker gw0 ended its worker: ")
 
 
 def test_a_hang_that_ended_its_worker_runs_again(tmp_path: Path) -> None:

@@ -23,6 +23,9 @@ from rigs.scheduling import TOLD
 ALONE = 'uv run --group test pytest -m "" -n 0 --lf'
 """Runs what failed last, one test after the other, with nothing beside it."""
 
+WORKER_ENDED = "???"
+"""What xdist reports as the phase of a test whose worker is gone."""
+
 
 class How(StrEnum):
     """How a test failed."""
@@ -69,6 +72,7 @@ class Failures:
         self._tests: dict[str, Pressure] = {}
         self._failures: dict[str, Failure] = {}
         self._over_time: set[WorkerController] = set()
+        self._ended: dict[WorkerController, str] = {}
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         """Measure the pressure from the start of each test."""
@@ -76,6 +80,8 @@ class Failures:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Keep the first failure of each test."""
+        if report.when == WORKER_ENDED:
+            self._ended.pop(report.node, None)  # type: ignore[attr-defined]
         if report.failed and report.nodeid not in self._failures:
             pressure = self._tests.get(report.nodeid, self._run)
             self._failures[report.nodeid] = Failure(
@@ -92,13 +98,22 @@ class Failures:
 
     def pytest_testnodedown(self, node: WorkerController, error: object | None) -> None:
         """Print the stacks that a worker left when one of its tests hung."""
+        if error is None:
+            return
+        self._ended[node] = str(error)
         stacks = stacks_of(node.workerinput, node.gateway.id)
-        if error is not None and stacks.exists() and (text := stacks.read_bytes()):
+        if stacks.exists() and (text := stacks.read_bytes()):
             self._over_time.add(node)
             os.write(self._stderr, text)
 
-    def pytest_sessionfinish(self) -> None:
-        """Write the file."""
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        """Fail for a worker that ended outside of any test, which xdist does not; write the file."""
+        for node, error in self._ended.items():
+            name = f"no test of worker {node.gateway.id}"
+            self._failures[name] = Failure(
+                name, How.WORKER_DIED, error, waited=self._run.share, load=os.getloadavg()[0]
+            )
+            session.exitstatus = session.exitstatus or pytest.ExitCode.TESTS_FAILED
         if self._file is not None:
             self._file.write_text(json.dumps([asdict(one) for one in self._failures.values()]))
 
@@ -117,7 +132,7 @@ class Failures:
             )
 
     def _how(self, report: pytest.TestReport) -> How:
-        if report.when != "???":  # which xdist says of a test whose worker is gone
+        if report.when != WORKER_ENDED:
             return How.FAILED
         worker: WorkerController = report.node  # type: ignore[attr-defined]
         return How.OVER_TIME if worker in self._over_time else How.WORKER_DIED
