@@ -54,8 +54,8 @@ def clear(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 def newest(bench: NdiBench, tool: str, name: str = "measured_cp") -> Pose:
-    found = bench.session.children[tool].feedback(name)
-    assert found is not None
+    # The tracker tells what it has of all tools before each tool does.
+    found = eventually(lambda: bench.session.children[tool].feedback(name), f"a pose of {tool}")
     assert isinstance(found[0], Pose)
     return found[0]
 
