@@ -21,9 +21,12 @@ from crtk_drivers.config import from_values, load
 from crtk_drivers.errors import ConfigError, ConnectionFailed, DeviceFault
 from crtk_drivers.samples import Sample
 from rigs.netft_peer import Peer
+from rigs.waiting import eventually
 
 MASS, CENTER = 0.8, np.array([0.01, -0.02, 0.06])
 BIAS = np.array([1, -2, 3, 0.1, 0.2, -0.3])
+HELD_STILL = 100
+"""Records of a pose before Enter is pressed."""
 
 
 @pytest.fixture
@@ -48,7 +51,7 @@ def config(peer) -> NetFtConfig:
 
 
 class Hand(io.StringIO):
-    """Turns the sensor to the next pose each time that Enter is waited for."""
+    """Turns the sensor to the next pose, and holds it still, each time that Enter is waited for."""
 
     def __init__(self, peer: Peer, rotations: list[np.ndarray]) -> None:
         super().__init__()
@@ -59,6 +62,9 @@ class Hand(io.StringIO):
         pull = next(self._rotations).T @ [0, 0, -9.80665 * MASS]
         load = np.concatenate((pull, np.cross(CENTER, pull))) + BIAS
         self._peer.counts = tuple(round(value * 1e6) for value in load)
+        # When a record was measured is known as well as the first ones came in time.
+        held = self._peer.sent + HELD_STILL
+        eventually(lambda: self._peer.sent > held, "it is held still")
         return "\n"
 
 
