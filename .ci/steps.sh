@@ -85,10 +85,16 @@ again() {
   failed=0 # a test may have been counted twice: it failed, and so did its teardown
 }
 
-# beside SCRIPT: run a script of this folder beside what follows, with what others leave of the processor, which
-# may be a twentieth of it: its steps are given time until what it runs beside has long ended.
-# It has a session of its own: Linux may give all processes of one the share of one (sched_autogroup).
+# beside SCRIPT: run a script of this folder beside what follows, in a session of its own.
 beside() {
+  setsid bash ".ci/$1" >"$work/$1.log" 2>&1 </dev/null &
+  jobs_beside[$1]=$!
+}
+declare -A jobs_beside=()
+
+# idle_beside SCRIPT: as beside, with the time that others leave of the processor. That may be a twentieth of it, so its
+# steps are given ten times their time. Linux may give all processes of a session the share of one (sched_autogroup).
+idle_beside() {
   patience=10 setsid bash -c '
     echo 19 2>/dev/null >/proc/self/autogroup || true
     renice --priority 19 --pid $$ >/dev/null
@@ -96,11 +102,11 @@ beside() {
     exec bash "$1"' _ ".ci/$1" >"$work/$1.log" 2>&1 </dev/null &
   jobs_beside[$1]=$!
 }
-declare -A jobs_beside=()
 
 # await SCRIPT: wait for what runs beside, print what it wrote, and fail if it did.
 await() {
   local code=0
+  python3 .ci/hurry.py "${jobs_beside[$1]}" # it may have had no time at all while others computed
   wait "${jobs_beside[$1]}" || code=$?
   unset "jobs_beside[$1]"
   cat "$work/$1.log"

@@ -1,4 +1,4 @@
-"""The steps of CI: what failed is judged by what it says alone, and a download has three tries."""
+"""The steps of CI: what fails is judged by its output alone, a download has three tries, nobody starves."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ DOWNLOAD_ERRORS = {
 
 
 def run_steps(folder: Path, script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a bash script that has sourced the steps."""
+    """Run a bash script, in a folder, that has sourced the steps."""
     return subprocess.run(
         ["bash", "-euo", "pipefail", "-c", f'source "{STEPS}"\n{script}', "run", *arguments],
+        cwd=folder,
         env={**os.environ, "work": str(folder), "pause": "0"},
         stdin=subprocess.DEVNULL,
         capture_output=True,
@@ -96,3 +97,42 @@ def test_a_failure_alone_ends_the_run(tmp_path: Path) -> None:
     assert done.stdout.endswith(
         "FAILED: Tests: 2 of 3 fail alone\n40 passed, 2 failed, 1 unsteady\nunsteady: a\n    why\n"
     )
+
+
+ENDS_ONCE_HURRIED = """
+import os, threading, time
+from pathlib import Path
+
+AUTOGROUP = Path("/proc/self/autogroup")
+
+def slow():
+    share = AUTOGROUP.read_text().split()[-1] if AUTOGROUP.exists() else "0"
+    nice = os.getpriority(os.PRIO_PROCESS, 0)
+    return os.sched_getscheduler(0) != os.SCHED_OTHER or nice != 0 or share != "0"
+
+def end_once_hurried():
+    while slow():
+        time.sleep(0.01)
+
+print("began idle" if os.sched_getscheduler(0) == os.SCHED_IDLE else "began as others")
+thread = threading.Thread(target=end_once_hurried)
+thread.start()
+end_once_hurried()
+thread.join()
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may raise a priority")
+@pytest.mark.parametrize(
+    ("begin", "said"), [("idle_beside", "began idle"), ("beside", "began as others")]
+)
+def test_who_is_waited_for_is_hurried(tmp_path: Path, begin: str, said: str) -> None:
+    scripts = tmp_path / ".ci"
+    scripts.mkdir()
+    (scripts / "hurry.py").symlink_to(STEPS.with_name("hurry.py"))
+    (scripts / "spin.py").write_text(ENDS_ONCE_HURRIED)
+    (scripts / "job").write_text("timeout 30 python3 -u .ci/spin.py")
+    wait = 'until [ -s "$work/job.log" ]; do sleep 0.01; done'  # until it has begun
+    done = run_steps(tmp_path, f"{begin} job\n{wait}\nawait job")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert said in done.stdout
