@@ -48,7 +48,8 @@ def advice(test: str, sighting: str, rows: list[Row]) -> str:
     known = next((row for row in rows if row.test == function), None)
     if known is None:
         return f"add to tests/UNSTEADY.md: | `{function}` | {entry} | open | |"
+    add = f"add to its row in tests/UNSTEADY.md: <br>{entry}"
     times = len(known.seen)
     if times < AT_MOST:
-        return f"add to its row in tests/UNSTEADY.md: <br>{entry}"
-    return f"mend it or mark it slow: tests/UNSTEADY.md has it {times} times already"
+        return add
+    return f"mend it or mark it slow, it came {times} times before; then {add}"

@@ -61,7 +61,8 @@ def test_few_rows_are_open() -> None:
         ),
         (
             "tests/wire/test_a.py::test_c",
-            "mend it or mark it slow: tests/UNSTEADY.md has it 2 times already",
+            "mend it or mark it slow, it came 2 times before; "
+            "then add to its row in tests/UNSTEADY.md: <br>NOW",
         ),
     ],
 )
