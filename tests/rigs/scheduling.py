@@ -88,8 +88,8 @@ WAITING = {
 """Folders whose tests talk to simulators, or step an arm, in real time, likewise."""
 
 LENIENT = frozenset({"client", "node", "teleop", "test_contract_loopback.py", "test_lab_tests.py"})
-"""Folders and files of these that a worker which computes may run too: their device is a loopback, but for a
-few. Nothing must keep up with it, and what they wait for has a minute."""
+"""Folders and files of `WAITING` that a worker which computes may run too. Almost all of their devices are
+loopbacks, which wait for nobody, and each of their waits has a minute."""
 
 LONG_WAIT = 0.3
 """Seconds from which on a test that waits is quick in some of its cases only."""
@@ -261,8 +261,8 @@ class Scheduling(LoadScopeScheduling):
 
         def preferred(piece: str) -> tuple[bool, bool, bool, float]:
             duration = seconds(piece) * len(self.workqueue[piece])
-            is_left = is_lenient(piece) and not computing
-            return alone(piece) is not None, not computes(piece), not is_left, duration
+            others_may = is_lenient(piece) and not computing
+            return alone(piece) is not None, not computes(piece), not others_may, duration
 
         return max(filter(may_run, self.workqueue), key=preferred, default=None)
 
