@@ -13,8 +13,8 @@ import can
 import pytest
 
 from crtk_sim_backends.can import SIM
-from rigs.can_hub_doors import DOORS, frame, ids, listening, open_bus, receive, until
-from rigs.waiting import LONG
+from rigs.can_hub_doors import DOORS, frame, ids, listening, open_bus, receive
+from rigs.waiting import LONG, eventually
 
 FRAMES = [
     frame(0x000, b""),
@@ -43,7 +43,7 @@ def at(sim):
     yield opened
     for bus in buses:
         bus.shutdown()
-    until(lambda: not any(listening(sim, door) for door in DOORS))
+    eventually(lambda: not any(listening(sim, door) for door in DOORS))
 
 
 @pytest.mark.parametrize("to", DOORS)
@@ -176,7 +176,7 @@ def test_a_bus_is_readable_as_long_as_frames_of_one_packet_are_left(sim, at):
         for each in (plain, other):
             each.connect(sim.paths["crtk"])
             each.settimeout(LONG)
-        until(lambda: listening(sim, "crtk") == 3)
+        eventually(lambda: listening(sim, "crtk") == 3)
         one = bytes.fromhex("23010000 01 000000") + bytes(8)
         plain.send(one * 256)
         for _ in range(256):
@@ -286,7 +286,7 @@ def test_many_threads_may_send_at_one_bus():
                     done.result(LONG)
         finally:
             sys.setswitchinterval(interval)
-        until(lambda: sim.control.status()["nodes"]["native-a"]["sent"] == 2000)
+        eventually(lambda: sim.control.status()["nodes"]["native-a"]["sent"] == 2000)
         bus.send(frame())
 
 

@@ -9,8 +9,8 @@ import pytest
 from crtk_sim_backends.can import SIM
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.process import SimStartError
-from rigs.can_hub_doors import drain, frame, ids, open_bus, receive, until
-from rigs.waiting import LONG
+from rigs.can_hub_doors import drain, frame, ids, open_bus, receive
+from rigs.waiting import LONG, eventually
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def pair(sim):
     with open_bus(sim, "crtk", name="native-a") as a, open_bus(sim, "crtk", name="native-b") as b:
         yield a, b
         sim.control.clear()
-    until(lambda: not any(name.startswith("native") for name in nodes(sim)))
+    eventually(lambda: not any(name.startswith("native") for name in nodes(sim)))
 
 
 def nodes(sim):
@@ -66,7 +66,7 @@ def test_a_pattern_selects_the_sender(sim, pair):
     b.send(frame(0x1))
     assert len(sent_through(pair, numbered(2))) == 2
     b.send(frame(0x2))
-    until(lambda: nodes(sim)["native-b"]["lost"] == 2)
+    eventually(lambda: nodes(sim)["native-b"]["lost"] == 2)
     sim.control.clear()
     b.send(frame(0x3))
     assert ids(receive(a)) == [0x3]
@@ -126,7 +126,7 @@ def test_bus_off_is_an_error_frame_and_no_buffer_space_until_the_restart(sim, pa
     assert a.state is can.BusState.ERROR
     assert refused(a) == errno.ENOBUFS
     b.send(frame(0x100))
-    until(lambda: nodes(sim)["native-b"]["sent"] == 1)
+    eventually(lambda: nodes(sim)["native-b"]["sent"] == 1)
     sim.control.clear("bus_off")
     b.send(frame(0x101))
     restarted, got = receive(a, 2)
@@ -169,7 +169,7 @@ def test_listen_only_loses_what_is_sent_without_a_word(sim, pair):
     sim.control.inject("listen_only", node="native-a")
     assert sent_through((b, a), numbered(2)) != []
     a.send(frame(0x6))
-    until(lambda: nodes(sim)["native-a"]["lost"] == 1)
+    eventually(lambda: nodes(sim)["native-a"]["lost"] == 1)
     sim.control.clear()
     a.send(frame(0x7))
     assert ids(receive(b)) == [0x7]
@@ -204,22 +204,22 @@ def test_the_highest_priority_at_full_rate_starves_the_others():
         open_bus(sim, "crtk", name="native-a") as a,
     ):
         sim.control.inject("babbling", id=0, rate=5000, length=8)
-        until(lambda: nodes(sim)["babbling"]["waiting"] == 100)
+        eventually(lambda: nodes(sim)["babbling"]["waiting"] == 100)
         for _ in range(100):
             a.send(frame(0x1))
-        until(lambda: nodes(sim)["native-a"]["waiting"] == 100)
+        eventually(lambda: nodes(sim)["native-a"]["waiting"] == 100)
         assert refused(a) == errno.ENOBUFS
         assert nodes(sim)["native-a"]["sent"] == 0
-        until(lambda: sim.control.status()["load"] > 0.5)
+        eventually(lambda: sim.control.status()["load"] > 0.5)
         sim.control.clear()
-        until(lambda: nodes(sim)["native-a"]["sent"] > 0)
+        eventually(lambda: nodes(sim)["native-a"]["sent"] > 0)
 
 
 def test_a_frame_on_its_way_into_the_queue_is_counted_once():
     """Room for two takes two, whenever the second one is sent."""
     with SIM.spawn(socketcand_port=0, terminals=0, bitrate=20_000, queue=2) as sim:
         sim.control.inject("babbling", id=0, rate=5000, length=8)
-        until(lambda: nodes(sim)["babbling"]["waiting"] == 2)
+        eventually(lambda: nodes(sim)["babbling"]["waiting"] == 2)
         for turn in range(300):
             with open_bus(sim, "crtk", name=f"native-{turn}") as bus:
                 bus.send(frame(0x1))
@@ -301,10 +301,10 @@ def test_a_fault_file_plays_at_its_time_and_at_events(tmp_path):
         open_bus(sim, "crtk") as a,
         open_bus(sim, "crtk") as b,
     ):
-        until(lambda: len(sim.control.status()["faults"]) == 1)
+        eventually(lambda: len(sim.control.status()["faults"]) == 1)
         a.send(frame(0x100))
         assert ids(receive(b)) == [0x100]
-        until(lambda: len(sim.control.status()["faults"]) == 2)
+        eventually(lambda: len(sim.control.status()["faults"]) == 2)
         assert ids(sent_through((a, b), [frame(0x100), frame(0x300)])) == [0x300, 0x300]
 
 

@@ -14,9 +14,9 @@ from crtk_sim_backends.can import SIM, frames
 from crtk_sim_backends.can.slcan import frame_command, parse_frame
 from crtk_sim_backends.can.socketcand import CommandError, frame_message, parse_send
 from crtk_sim_backends.control import token
-from rigs.can_hub_doors import drain, frame, open_bus, receive, until
+from rigs.can_hub_doors import drain, frame, open_bus, receive
 from rigs.examples import examples
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 WIRE = settings(
     max_examples=examples(40),
@@ -218,7 +218,7 @@ def test_frames_do_not_run_into_the_answer_that_a_client_waits_for(sim, witnesse
         assert client.recv(100) == b"< hi >"
         assert talk(client, b"< open can0 >") == b"< ok >"
         client.sendall(b"< rawmode >")
-        until(lambda: sim.control.status()["nodes"]["socketcand"]["listening"])
+        eventually(lambda: sim.control.status()["nodes"]["socketcand"]["listening"])
         witnesses[0].send(frame(0x5, b""))
         receive(witnesses[1])
         assert client.recv(1000) == b"< ok >"
@@ -270,7 +270,7 @@ def test_a_client_that_does_not_read_loses_frames_and_nobody_else_does(sim, witn
     one, other = witnesses
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as lazy:
         lazy.connect(sim.paths["crtk"])
-        until(lambda: "native" in sim.control.status()["nodes"])
+        eventually(lambda: "native" in sim.control.status()["nodes"])
         for number in range(3000):
             one.send(frame(0x100, number.to_bytes(2, "little")), timeout=LONG)
             (got,) = receive(other)

@@ -12,8 +12,8 @@ from crtk_sim_backends.can import SIM, frames
 from crtk_sim_backends.can.candump import LogError, LogWriter, parse, parse_frame, read, text
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.process import SimStartError
-from rigs.can_hub_doors import frame, ids, open_bus, receive, until
-from rigs.waiting import LONG
+from rigs.can_hub_doors import frame, ids, open_bus, receive
+from rigs.waiting import LONG, eventually
 
 CAN_IDS = st.one_of(
     st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF).map(lambda n: n | frames.EXTENDED)
@@ -123,7 +123,7 @@ def test_a_log_is_replayed_in_order_and_at_its_pace(tmp_path):
             (0x100, 3),
         ]
         assert time.monotonic() - began >= 0.099
-        until(lambda: "replay" not in sim.control.status()["nodes"])
+        eventually(lambda: "replay" not in sim.control.status()["nodes"])
         assert sim.control.status()["replay"] == {"sent": 3, "error": None}
 
 
@@ -163,7 +163,7 @@ def test_a_log_can_be_replayed_from_the_start(tmp_path):
     with SIM.spawn(
         socketcand_port=0, terminals=0, replay=str(path), replay_speed=2.0, log=str(tmp_path / "l")
     ) as sim:
-        until(lambda: sim.control.status()["replay"]["sent"] == 2)
+        eventually(lambda: sim.control.status()["replay"]["sent"] == 2)
         assert sim.stop() == 0
     first, second = read(tmp_path / "l")
     assert (text(first.raw), text(second.raw)) == ("001#", "002#")
@@ -176,7 +176,7 @@ def test_a_log_with_a_defect_is_replayed_up_to_it(tmp_path):
     with SIM.spawn(socketcand_port=0, terminals=0) as sim, open_bus(sim, "crtk") as bus:
         sim.control.call("replay", path=str(path))
         assert ids(receive(bus)) == [0x100]
-        until(lambda: sim.control.status()["replay"]["error"] is not None)
+        eventually(lambda: sim.control.status()["replay"]["error"] is not None)
         assert "broken.log, line 2" in sim.control.status()["replay"]["error"]
 
 

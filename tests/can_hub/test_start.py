@@ -15,8 +15,8 @@ from crtk_sim_backends.can.port import State
 from crtk_sim_backends.can.server import HubServer
 from crtk_sim_backends.faults import FaultKind
 from crtk_sim_backends.process import SimStartError
-from rigs.can_hub_doors import frame, ids, receive, until
-from rigs.waiting import LONG
+from rigs.can_hub_doors import frame, ids, receive
+from rigs.waiting import LONG, eventually
 
 pytestmark = pytest.mark.usefixtures("cold_start")
 
@@ -269,7 +269,7 @@ def test_a_hub_can_run_in_a_thread_beside_its_client(tmp_path):
             with can.Bus(interface="crtk", channel=path) as bus:
                 bus.send(frame(0x10))
                 assert ids(receive(bus)) == [0x11]
-            until(lambda: len(hub.nodes) == 1)
+            eventually(lambda: len(hub.nodes) == 1)
         finally:
             hub.stop()
             thread.join()

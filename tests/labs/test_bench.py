@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
@@ -51,7 +50,7 @@ from crtk_drivers.status.stop_request import StopRequest
 from crtk_drivers.testing.loopback import LoopbackDevice
 from rigs import stepped_bed
 from rigs.processes import children_of, has_ended, process_of
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 ABOUT = About(
     name="arm",
@@ -303,11 +302,11 @@ def test_of_a_driver_that_hangs_in_motion_the_power_is_taken_at_once(
     off, recording = tmp_path / "off", tmp_path / "runs" / "run" / "data" / "gantry-sines.mcap"
 
     def hang() -> None:
-        wait_until(lambda: recording.exists() and recording.stat().st_size > 50_000)
+        eventually(lambda: recording.exists() and recording.stat().st_size > 50_000)
         driver = process_of("labs.bench.host")
         os.kill(driver, signal.SIGSTOP)
         try:
-            wait_until(off.exists)
+            eventually(off.exists)
         finally:
             os.kill(driver, signal.SIGCONT)
 
@@ -478,13 +477,6 @@ def test_the_watch_stops_what_it_cannot_see(values: dict[str, Any], wrong: str) 
     assert bool(found) is bool(wrong)
 
 
-def wait_until(test: Callable[[], object], seconds: float = 90.0) -> None:
-    end = time.monotonic() + seconds
-    while not test():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
-
-
 @contextmanager
 def in_motion(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """``crtk-driver bench`` with a gantry that is moved; it is killed within, or at the end."""
@@ -493,7 +485,7 @@ def in_motion(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     parent = subprocess.Popen([*command, "--out", "run"], cwd=folder)
     try:
         recording = folder / "run" / "data" / "gantry-approaches.mcap"
-        wait_until(lambda: recording.exists() and recording.stat().st_size > 50_000)
+        eventually(lambda: recording.exists() and recording.stat().st_size > 50_000)
         yield parent
     finally:
         parent.kill()
@@ -501,7 +493,7 @@ def in_motion(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def wait_for_the_end_of(*processes: int) -> None:
-    wait_until(lambda: not any(Path(f"/proc/{each}").exists() for each in processes))
+    eventually(lambda: not any(Path(f"/proc/{each}").exists() for each in processes))
 
 
 @pytest.mark.slow  # that the conductor dies is its quick brother
@@ -531,7 +523,7 @@ def test_what_is_left_of_a_killed_bench_keeps_others_from_its_devices(
         for other in found.values():
             with suppress(ProcessLookupError):  # it has ended by itself
                 os.kill(other, signal.SIGKILL)
-            wait_until(partial(has_ended, other))
+            eventually(partial(has_ended, other))
         gone = f"was being tested by process {parent.pid}, which is gone"
         with pytest.raises(ConfigError, match=gone), alone(lab):
             pass

@@ -6,7 +6,6 @@ import math
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +29,7 @@ from rigs import stepped_bed
 from rigs.bench_lab import ARM, ARM_200, FT, carried_out, measured, of_sensor, with_defects
 from rigs.processes import process_of
 from rigs.proof_table import tell_proof, tell_stored
+from rigs.waiting import eventually
 
 BY_ID = {test.id: test for test in TESTS}
 
@@ -136,13 +136,6 @@ def test_a_saturation_that_is_told_late_fails(after: float, verdict: Verdict) ->
 # ------------------------------------------------------------------------------ the watch over both
 
 
-def until(test: Callable[[], object]) -> None:
-    end = time.monotonic() + 40.0
-    while not test():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
-
-
 @pytest.mark.slow  # that it is stopped while it weighs is its quick brother
 @pytest.mark.usefixtures("cold_bench")
 @pytest.mark.timeout(120)
@@ -150,7 +143,7 @@ def test_a_sensor_that_falls_silent_stops_the_arm(tmp_path: Path) -> None:
     moving = tmp_path / "run" / "data" / "ft-weighing.carrier.mcap"
 
     def kill() -> None:
-        until(lambda: moving.exists() and moving.stat().st_size > 500_000)
+        eventually(lambda: moving.exists() and moving.stat().st_size > 500_000)
         os.kill(process_of("crtk_sim_backends.netft"), signal.SIGKILL)
 
     killer = threading.Thread(target=kill)

@@ -17,9 +17,8 @@ from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.session import Session
 from crtk_sim_backends.kit import RunningSim, Simulator
 from rigs.beside import beside
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
-SOON = 20.0
 STEP = 0.004
 """Seconds from one setpoint to the next."""
 
@@ -93,7 +92,7 @@ class AxesBench(NamedTuple):
     ) -> Iterator[LocalDevice]:
         """An arm whose first joint follows a stream, which goes on until the end."""
         with self.arm_at(sim, **values) as arm:
-            arm.enable(SOON)
+            arm.enable(LONG)
 
             def stream(over: threading.Event) -> None:
                 goal = arm.setpoint_js().position.copy()

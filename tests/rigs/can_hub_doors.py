@@ -1,10 +1,8 @@
 """What the tests of the CAN hub share: buses at each of its doors, and waiting without sleeping."""
 
-import time
-
 import can
 
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 DOORS = ("crtk", "socketcand", "slcan")
 NODES = {"crtk": "native", "socketcand": "socketcand", "slcan": "slcan"}
@@ -25,7 +23,7 @@ def open_bus(sim, door, **options):
     }
     before = listening(sim, door)
     bus = can.Bus(interface=door, **where[door], **options)
-    until(lambda: listening(sim, door) > before)
+    eventually(lambda: listening(sim, door) > before)
     return bus
 
 
@@ -33,14 +31,6 @@ def _terminal(sim):
     """The first slcan terminal that nobody uses."""
     nodes = sim.control.status()["nodes"]
     return next((tty for name, tty in sim.ttys.items() if not nodes[name]["listening"]), None)
-
-
-def until(condition):
-    """Wait until a condition holds."""
-    deadline = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.002)
 
 
 def frame(can_id=0x123, data=b"\x01\x02", **options):

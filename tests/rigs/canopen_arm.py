@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
@@ -16,9 +16,9 @@ from crtk_drivers.session import Session
 from crtk_sim_backends.canopen import SIM
 from crtk_sim_backends.control import ControlError
 from crtk_sim_backends.process import RunningSim
+from rigs.waiting import eventually
 
 PERIOD = 0.01
-SOON = 20.0
 TIMEOUT = 0.8
 """Seconds that drives wait for SYNC, heartbeats and PDOs of ours, and we for theirs."""
 SYNC_TIMEOUT = 0x2010
@@ -75,18 +75,10 @@ def arm_of(config: CanopenConfig) -> Iterator[LocalDevice]:
     arm = LocalDevice(Session(PLUGIN, config))
     try:
         arm._session.start()
-        until(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
+        eventually(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
         yield arm
     finally:
         arm.close()
-
-
-def until(condition: Callable[[], object], what: str) -> None:
-    """Wait for a condition."""
-    end = time.monotonic() + SOON
-    while not condition():
-        assert time.monotonic() < end, f"not within {SOON:g} s: {what}"
-        time.sleep(0.005)
 
 
 def device_of(arm: LocalDevice) -> CanopenDevice:
@@ -122,7 +114,7 @@ def start_anew(sim: RunningSim) -> None:
         found = sim.control.status()["drives"].values()
         return {drive["nmt"] for drive in found} == {"pre_operational"}
 
-    until(are_up, "the drives are up")
+    eventually(are_up, "the drives are up")
 
 
 def wait_for_sync(sim: RunningSim, node: int, seconds: float) -> None:

@@ -21,12 +21,12 @@ from dynamixel_sdk import port_handler
 from fastcrc import crc16
 
 from crtk_sim_backends.dynamixel import SIM, RunningSim
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
-# The SDK gives an answer twice this and 2 ms; its own 34 ms are too little on a machine that is busy.
+# ms: the SDK waits twice as long, and 2 ms, for an answer. Its own 34 ms are too little on a busy machine.
 port_handler.LATENCY_TIMER = 500
 IN_VAIN: Final = 175
-"""The same where no answer is expected, or where it is asked for again."""
+"""The SDK's LATENCY_TIMER, in ms, where no answer comes, or where the request is repeated until one does."""
 
 HEADER: Final = b"\xff\xff\xfd\x00"
 MARK: Final = b"\xff\xff\xfd"
@@ -99,8 +99,9 @@ class Wire:
     """A port without any protocol.
 
     Args:
-        sim: at the first bus of which it is, if that takes no time for bytes: it tells when it has taken a
-            request and how much it answered, so that silence need not be waited for.
+        sim: the simulator whose first bus this port is on. Its control socket says when it took a request
+            and how many bytes it answered, so that the end of an answer is known without a wait. Only for
+            a bus whose bytes take no time.
     """
 
     def __init__(
@@ -147,7 +148,7 @@ class Wire:
         return data
 
     def _all_told(self) -> bytes:
-        wait_until(lambda: self._told()["bytes_in"] >= self._taken)
+        eventually(lambda: self._told()["bytes_in"] >= self._taken)
         for _ in range(TAKEN):
             told = self._told()
         data = self.receive(told["bytes_out"] - self._handed)
@@ -258,11 +259,3 @@ def vendor_at(sim: RunningSim, bus: str = "bus1", **options: Any) -> Iterator[Ve
         yield vendor
     finally:
         vendor.close()
-
-
-def wait_until(met: Any, timeout: float = LONG) -> None:
-    """Poll until a condition is met."""
-    deadline = time.monotonic() + timeout
-    while not met():
-        assert time.monotonic() < deadline, "not in time"
-        time.sleep(0.005)

@@ -21,9 +21,9 @@ from crtk_drivers.device import Condition
 from crtk_drivers.engine import Engine
 from crtk_drivers.state import Status
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.loopback_node import put_at_zero, serve, until
+from rigs.loopback_node import put_at_zero, serve
 from rigs.programs import Program, Start
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 @dataclass
@@ -43,19 +43,19 @@ class Far:
     def reset(self) -> None:
         self.device.reachable, self.device.silent = True, False
         self.device.reported = Condition()
-        until(lambda: self.engine.connected and self.engine.transition_ended, "it is back")
+        eventually(lambda: self.engine.connected and self.engine.transition_ended, "it is back")
         begun = time.time_ns()
         self.engine.state_command("disable")
-        until(lambda: self.engine.transition_ended, "disable has ended")
-        until(lambda: self.engine.status == Status(is_homed=True), "it is disabled, and well")
-        until(lambda: self.engine.health().stream == "", "no stream is left")
+        eventually(lambda: self.engine.transition_ended, "disable has ended")
+        eventually(lambda: self.engine.status == Status(is_homed=True), "it is disabled, and well")
+        eventually(lambda: self.engine.health().stream == "", "no stream is left")
         heard = self.arm._space.status()
 
         def is_heard() -> bool:
             """Not what was told before: a state of the last test may be on its way still."""
             return heard._stamp_ns >= begun and heard.latest == Status(is_homed=True)
 
-        until(is_heard, "the client has heard that")
+        eventually(is_heard, "the client has heard that")
         put_at_zero(self.engine)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -18,19 +18,10 @@ from crtk_drivers.samples import Number
 from crtk_drivers.session import Session
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
 from rigs.ros_client import RosClient, stamp_ns
-from rigs.waiting import LONG
+from rigs.waiting import eventually
 
 RATE = 40.0
 """Hz of the device and of what is published: the client hears twenty topics, each in each cycle."""
-
-
-def until(condition: Callable[[], Any], what: str) -> Any:
-    """Wait until something is true, and return it."""
-    end = time.monotonic() + LONG
-    while not (found := condition()):
-        assert time.monotonic() < end, f"not within {LONG} s: {what}"
-        time.sleep(0.005)
-    return found
 
 
 def put_at_zero(engine: Engine) -> None:
@@ -43,7 +34,7 @@ def put_at_zero(engine: Engine) -> None:
         found = engine.feedback("measured_js")
         return found is not None and not found[0].position.any()  # type: ignore[union-attr]
 
-    until(is_there, "it is at zero")
+    eventually(is_there, "it is at zero")
 
 
 SLOWLY = 0.02
@@ -78,11 +69,13 @@ class Rig:
         self.device.reachable, self.device.silent = True, False
         self.device.reported = Condition()
         engine = self.session.engine
-        until(lambda: engine.status.detail == "", "the device is back")
+        eventually(lambda: engine.status.detail == "", "the device is back")
         begun = time.time_ns()
         engine.state_command("disable")
-        until(lambda: engine.transition_ended, "disable is carried out, whatever the state was")
-        until(lambda: engine.status.state == "DISABLED", "the device is disabled")
+        eventually(
+            lambda: engine.transition_ended, "disable is carried out, whatever the state was"
+        )
+        eventually(lambda: engine.status.state == "DISABLED", "the device is disabled")
         told = self.client["operating_state"].messages
 
         def is_heard() -> bool:
@@ -92,7 +85,7 @@ class Rig:
                 return False
             return newest.state == "DISABLED" and not newest.is_busy
 
-        until(is_heard, "the client has heard that")
+        eventually(is_heard, "the client has heard that")
         put_at_zero(engine)
 
 
@@ -131,7 +124,9 @@ def served(
         thread.start()
         try:
             if connects:
-                until(lambda: all(each.has_sample for each in session.engines), "it is connected")
+                eventually(
+                    lambda: all(each.has_sample for each in session.engines), "it is connected"
+                )
             yield serving
         finally:
             stop.set()
@@ -157,7 +152,7 @@ def rig_of(
         ),
     ):
         client.check_connections()
-        until(lambda: _hears(serving, client), "the device knows who hears it")
+        eventually(lambda: _hears(serving, client), "the device knows who hears it")
         yield Rig(session, serving, client)
 
 

@@ -14,7 +14,8 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
 from rigs.action_client import ActionAsker
-from rigs.loopback_node import served, until
+from rigs.loopback_node import served
+from rigs.waiting import eventually
 
 MOVEIT = NodeConfig(moveit=True)
 
@@ -42,7 +43,7 @@ class MoveItRig:
 
     def reach(self, command: str, state: OperatingState) -> None:
         self.engine.state_command(command)
-        until(
+        eventually(
             lambda: self.engine.transition_ended and self.engine.status.state is state,
             f"{command} leads to {state}",
         )

@@ -238,15 +238,6 @@ def subpackages(body):
     return parts
 
 
-def wait_until(condition, seconds=LONG, pause=0.01):
-    """Poll a condition with a deadline; return its last value."""
-    deadline = time.monotonic() + seconds
-    while not (value := condition()):
-        assert time.monotonic() < deadline, "the condition was not fulfilled in time"
-        time.sleep(pause)
-    return value
-
-
 def output_of(program, *arguments):
     """What a Python program prints that runs in a process of its own."""
     return subprocess.run(

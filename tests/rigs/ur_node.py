@@ -10,9 +10,10 @@ import numpy as np
 
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.session import Session, open_session
-from rigs.loopback_node import served, until
+from rigs.loopback_node import served
 from rigs.ros_client import RosClient
 from rigs.ur_bench import lenient, patient_config
+from rigs.waiting import eventually
 
 NOT_ON_A_UR = frozenset({"servo_jf"})
 PATIENT = {"frequency": 125.0, "sample_timeout": 3.0}
@@ -33,7 +34,7 @@ class UrRig:
 
     def enabled(self) -> None:
         """Enable it, once more where a busy machine lets the controller, or its watchdog, end that."""
-        until(self._is_enabled, "it is enabled")
+        eventually(self._is_enabled, "it is enabled")
 
     def _is_enabled(self) -> bool:
         state = self.client.state.state
@@ -42,7 +43,7 @@ class UrRig:
         since = self.client["operating_state"].mark()
         self.client.state_command("resume" if state == "PAUSED" else "enable")
         self.client["operating_state"].wait(lambda m: not m.is_busy, since)
-        until(lambda: self.session.engine.transition_ended, "it has come to an end")
+        eventually(lambda: self.session.engine.transition_ended, "it has come to an end")
         return False
 
 

@@ -21,8 +21,9 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.plugins.page_plugin import start_page
 from crtk_drivers.samples import JointState, Vector
 from crtk_drivers.session import Session
-from rigs.loopback_node import served, until
+from rigs.loopback_node import served
 from rigs.view_page import ViewPage, device_of
+from rigs.waiting import eventually
 
 PATIENT = 3600.0
 """Seconds after the last word of a page at which a jog ends: by its time only where that is tested."""
@@ -58,12 +59,12 @@ class Viewed:
 
     def ready(self) -> None:
         """Enable it, and wait until it stands; what pages that have gone began is over, with its hold."""
-        until(lambda: not self._is_piloted(), "what pages began has ended")
-        until(lambda: self.engine.transition_ended, "what was begun has ended")
+        eventually(lambda: not self._is_piloted(), "what pages began has ended")
+        eventually(lambda: self.engine.transition_ended, "what was begun has ended")
         self.engine.state_command("disable")
-        until(lambda: self.engine.transition_ended, "it is disabled")
+        eventually(lambda: self.engine.transition_ended, "it is disabled")
         self.engine.state_command("enable")
-        until(lambda: self.engine.status.state == "ENABLED", "it is enabled")
+        eventually(lambda: self.engine.status.state == "ENABLED", "it is enabled")
         self.stands()
 
     def _is_piloted(self) -> bool:
@@ -75,18 +76,18 @@ class Viewed:
 
         def is_still() -> bool:
             before, began = self._measured()
-            until(lambda: self._measured()[1] - began > STILL, "it is measured later, too")
+            eventually(lambda: self._measured()[1] - began > STILL, "it is measured later, too")
             now = self.joints().position
             still = np.allclose(before.position, now, rtol=0.0, atol=1e-7)
             health, status = self.engine.health(), self.engine.status
             return still and not (self._is_piloted() or health.stream != "" or status.is_busy)
 
-        until(is_still, "it stands")
+        eventually(is_still, "it stands")
 
     def moves(self, start: Vector | None = None) -> None:
         """Wait until it moves; `start` is where it was, for what may be over before anybody looks."""
         before = self.joints().position if start is None else start
-        until(lambda: bool(np.abs(self.joints().position - before).max() > 1e-3), "it moves")
+        eventually(lambda: bool(np.abs(self.joints().position - before).max() > 1e-3), "it moves")
 
 
 @contextmanager

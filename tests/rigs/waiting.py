@@ -13,7 +13,9 @@ LONG = 60.0
 
 
 def eventually(
-    test: Callable[[], Any], what: str | Callable[[], str], timeout: float = LONG
+    test: Callable[[], Any],
+    what: str | Callable[[], str] = "what the test waits for",
+    timeout: float = LONG,
 ) -> Any:
     """Return what `test` returns as soon as that is true; `what` may be asked for when it was never."""
     deadline = time.monotonic() + timeout

@@ -28,16 +28,9 @@ from crtk_drivers.testing.loopback import LoopbackDevice
 from crtk_sim_backends.page.device import PAGE
 from crtk_sim_backends.page.server import PERIOD
 from crtk_sim_backends.page.source import LIVE, SCENE
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 DEGREES = 180.0 / np.pi
-
-
-def wait_until(condition: Callable[[], Any], seconds: float = LONG) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, condition
-        time.sleep(0.01)
 
 
 def ask(address: str, path: str, body: str | None = None, **headers: str) -> tuple[int, bytes]:
@@ -295,7 +288,7 @@ def test_nothing_is_asked_for_while_nobody_looks(counted: tuple[Counted, str]) -
         quiet.wait(10 * PERIOD)
         return shown.asked[LIVE] == before
 
-    wait_until(is_quiet)
+    eventually(is_quiet)
     assert shown.asked[SCENE] == 0
 
 
@@ -361,9 +354,9 @@ def test_the_page_ends_with_the_session() -> None:
             events.next()
             assert len(page_threads()) == len(threads) + 1
             opened.close()
-    wait_until(lambda: is_closed(address))
-    wait_until(lambda: page_threads() == threads)
-    wait_until(lambda: len(os.listdir("/proc/self/fd")) <= files)
+    eventually(lambda: is_closed(address))
+    eventually(lambda: page_threads() == threads)
+    eventually(lambda: len(os.listdir("/proc/self/fd")) <= files)
 
 
 def test_without_being_asked_for_there_is_none() -> None:
@@ -375,7 +368,7 @@ def test_a_page_that_is_killed_leaves_the_device_alone(caplog: pytest.LogCapture
     with crtk_drivers.connect("loopback", web=True, web_port=0) as opened:
         page: Any = opened._session.page
         os.kill(page.pid, signal.SIGKILL)
-        wait_until(lambda: f"the page at {opened.page} has ended" in caplog.text)
+        eventually(lambda: f"the page at {opened.page} has ended" in caplog.text)
         opened.enable()
         assert opened.measured_js(age=1.0).position.size == 4
 
@@ -388,8 +381,8 @@ def test_a_port_in_use_is_an_error_that_says_what_to_do() -> None:
             crtk_drivers.connect("loopback", web=True, web_port=port)
     assert f"cannot bind the web port 127.0.0.1:{port}: it is in use" in str(caught.value)
     assert "choose another one with web_port (0: any free one)" in str(caught.value)
-    wait_until(lambda: page_threads() == threads)
-    wait_until(lambda: len(os.listdir("/proc/self/fd")) <= files)
+    eventually(lambda: page_threads() == threads)
+    eventually(lambda: len(os.listdir("/proc/self/fd")) <= files)
 
 
 def test_without_the_package_that_brings_it_the_reason_is_told(

@@ -4,14 +4,13 @@ import errno
 import shutil
 import socket
 import subprocess
-import time
 
 import can
 import pytest
 
 from crtk_sim_backends.can import SIM
 from crtk_sim_backends.canopen import SIM as DRIVES
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 pytestmark = pytest.mark.skipif(
     "vcan0" not in {name for _, name in socket.if_nameindex()}, reason="there is no vcan0"
@@ -20,13 +19,6 @@ pytestmark = pytest.mark.skipif(
 
 def frame(can_id=0x123, data=b"\x01\x02"):
     return can.Message(arbitration_id=can_id, data=data, is_extended_id=can_id > 0x7FF)
-
-
-def until(condition):
-    deadline = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.005)
 
 
 def ip(*words):
@@ -116,7 +108,7 @@ def test_frames_pass_again_when_the_interface_is_back(joined):
     ip("set", "vcan0", "down")
     try:
         hub.send(frame())
-        until(lambda: sim.control.status()["nodes"]["vcan0"]["missed"] == 1)
+        eventually(lambda: sim.control.status()["nodes"]["vcan0"]["missed"] == 1)
     finally:
         ip("set", "vcan0", "up")
     with pytest.raises(can.CanOperationError):
@@ -148,7 +140,7 @@ def test_the_real_slcand_makes_an_interface_of_a_terminal():
     ):
         daemon = subprocess.Popen(["slcand", "-F", "-o", "-c", "-s8", sim.ttys["slcan"], "slc7"])
         try:
-            until(lambda: "slc7" in {name for _, name in socket.if_nameindex()})
+            eventually(lambda: "slc7" in {name for _, name in socket.if_nameindex()})
             ip("set", "slc7", "up")
             with can.Bus(interface="socketcan", channel="slc7") as kernel:
                 for message in (frame(), frame(0x1234567, bytes(8)), frame(0x7FF, b"")):

@@ -18,7 +18,8 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
 from rigs.beside import beside
-from rigs.canopen_arm import SOON, arm_of, arm_on, device_of, drives, until
+from rigs.canopen_arm import arm_of, arm_on, device_of, drives
+from rigs.waiting import LONG, eventually
 
 COUNT = 2
 PERIOD = 0.02
@@ -55,7 +56,7 @@ def stamps(bus: can.BusABC, count: int) -> list[float]:
     """When the next SYNCs passed."""
     while bus.recv(0.0) is not None:
         pass
-    found = [bus.recv(SOON) for _ in range(count)]
+    found = [bus.recv(LONG) for _ in range(count)]
     return [message.timestamp for message in found if message is not None]
 
 
@@ -74,7 +75,7 @@ def foreign_sync() -> Iterator[None]:
 
 def enables(arm: LocalDevice) -> bool:
     try:
-        arm.enable(SOON)
+        arm.enable(LONG)
     except (TransitionFailed, CommandRefused):
         return False
     return True
@@ -85,10 +86,10 @@ def test_the_arm_moves_with_the_sync_of_the_kernel(
 ) -> None:
     assert config.kernel_sync
     with arm_of(config) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         goal = arm.setpoint_jp() + 0.05
-        arm.move_jp(goal).wait(SOON)
-        until(lambda: abs(arm.measured_js().position - goal).max() < 1e-3, "it is there")
+        arm.move_jp(goal).wait(LONG)
+        eventually(lambda: abs(arm.measured_js().position - goal).max() < 1e-3, "it is there")
         passed = stamps(listener, SYNCS)
         assert len(passed) == SYNCS
         assert passed[-1] - passed[0] > 0.9 * (SYNCS - 1) * PERIOD
@@ -100,7 +101,7 @@ def test_it_ends_with_the_connection_and_begins_again_with_the_next(
 ) -> None:
     for _ in range(2):
         with arm_of(config) as arm:
-            arm.enable(SOON)
+            arm.enable(LONG)
             assert len(stamps(listener, 3)) == 3
         while listener.recv(0.0) is not None:
             pass
@@ -109,12 +110,14 @@ def test_it_ends_with_the_connection_and_begins_again_with_the_next(
 
 def test_the_sync_of_another_program_on_this_computer_is_told_apart(config: CanopenConfig) -> None:
     with arm_of(config) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         with foreign_sync():
-            until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+            eventually(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
             assert "SYNC that is not ours" in arm.operating_state().detail
-            until(lambda: device_of(arm).counters["foreign_syncs"] > 5, "it goes on being told")
-        until(lambda: enables(arm), "it can be enabled again")
+            eventually(
+                lambda: device_of(arm).counters["foreign_syncs"] > 5, "it goes on being told"
+            )
+        eventually(lambda: enables(arm), "it can be enabled again")
 
 
 def test_nothing_is_sent_to_a_bus_on_which_another_program_sends_sync(
@@ -125,7 +128,9 @@ def test_nothing_is_sent_to_a_bus_on_which_another_program_sends_sync(
         arm = LocalDevice(Session(PLUGIN, config))
         try:
             arm._session.start()
-            until(lambda: "SYNC that is not ours" in arm.operating_state().detail, "it is refused")
+            eventually(
+                lambda: "SYNC that is not ours" in arm.operating_state().detail, "it is refused"
+            )
             assert not arm.engine.connected
         finally:
             arm.close()

@@ -22,7 +22,7 @@ from crtk_drivers.errors import CommandRefused, ConfigError, MissingExtra
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Pose, Wrench, vector
 from crtk_drivers.testing.clock import FakeClock
-from rigs.waiting import LONG
+from rigs.waiting import eventually
 
 SEVEN_AXIS = Path(__file__).parents[1] / "data" / "seven_axis.urdf"
 """Without masses, and with a joint without limits."""
@@ -77,13 +77,6 @@ def arm() -> Iterator[Callable[..., LocalDevice]]:
     yield connect
     for each in arms:
         each.close()
-
-
-def until(test: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + LONG
-    while not test():
-        assert time.monotonic() < deadline, f"it did not {what}"
-        time.sleep(0.002)
 
 
 # ---------------------------------------------------------------------------------------------- files
@@ -200,7 +193,7 @@ def test_a_tool_pressed_on_a_wall_measures_what_it_presses_with(
         at_rest = np.abs(tester.measured_cv().vector).max() < 1e-3
         return bool(at_rest and abs(tester.measured_cf().force[2] - 20.0) < 1.0)
 
-    until(pressed, "come to rest on the wall with 20 N upwards on the tool")
+    eventually(pressed, "it comes to rest on the wall with 20 N upwards on the tool")
     found: list[tuple[Pose, Wrench]] = []
 
     def of_one_sample() -> bool:
@@ -208,7 +201,7 @@ def test_a_tool_pressed_on_a_wall_measures_what_it_presses_with(
         found.append((pose, load))
         return bool(at == told)
 
-    until(of_one_sample, "tell where it is, and its load, of one instant")
+    eventually(of_one_sample, "it says where it is, and its load, of one instant")
     pose, load = found[-1]
     depth = height - 0.005 - pose.position[2]
     assert load.force[2] == pytest.approx(2e3 * depth, rel=0.05)
@@ -219,13 +212,13 @@ def test_a_hand_pushes_a_free_arm_but_not_a_disabled_one(arm: Callable[..., Loca
     push = Wrench(vector((0.0, 0.0, 30.0)), vector((0.0, 0.0, 0.0)), "base")
     before = pushed.measured_cp().position[2]
     pushed.apply_wrench(push)
-    until(lambda: pushed.measured_cf().force[2] == 30.0, "feel the hand")
+    eventually(lambda: pushed.measured_cf().force[2] == 30.0, "it feels the hand")
     assert pushed.measured_cp(age=0).position[2] == before
     pushed.apply_wrench([0.0] * 6)
     pushed.enable()
     pushed.free()
     pushed.apply_wrench(push)
-    until(lambda: pushed.measured_cp().position[2] > before + 0.02, "follow the hand")
+    eventually(lambda: pushed.measured_cp().position[2] > before + 0.02, "it follows the hand")
     pushed.apply_wrench([0.0] * 6)
     pushed.hold()
 
@@ -257,12 +250,12 @@ def test_gravity_compensation_can_be_left_out_and_had_again(
         heavy.servo_jf(np.zeros(6))
         return bool(heavy.measured_cp().position[2] < start - 0.03)
 
-    until(fell, "fall without it")
+    eventually(fell, "it falls without it")
     heavy.hold()
     heavy.use_gravity_compensation(True)
-    until(lambda: np.abs(heavy.measured_js().velocity).max() < 1e-3, "come to rest")
+    eventually(lambda: np.abs(heavy.measured_js().velocity).max() < 1e-3, "it comes to rest")
     # While efforts are zero the motors carry the weight.
-    until(lambda: not heavy.is_busy(), "be idle")
+    eventually(lambda: not heavy.is_busy(), "it is idle")
     here = heavy.measured_cp().position[2]
     for _ in range(20):
         heavy.servo_jf(np.zeros(6))

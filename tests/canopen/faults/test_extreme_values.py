@@ -16,10 +16,11 @@ from crtk_driver_canopen import PLUGIN
 from crtk_drivers.errors import CrtkError, StopUnconfirmed
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import PERIOD, SOON, arm_of, arm_on, device_of, drives, until
+from rigs.canopen_arm import PERIOD, arm_of, arm_on, device_of, drives
 from rigs.claimed_values import no_surprise, numbers
 from rigs.examples import examples
 from rigs.extreme_values import IN_REAL_TIME
+from rigs.waiting import LONG, eventually
 
 CHEAP = {
     **IN_REAL_TIME,
@@ -104,7 +105,7 @@ def at_rest(sim: RunningSim) -> list[float]:
         found.append(positions(sim))
         return len(found) == LOOKS and all(one == pytest.approx(found[0]) for one in found)
 
-    until(stand, "the motors stand")
+    eventually(stand, "the motors stand")
     return found[-1]
 
 
@@ -114,7 +115,7 @@ def test_what_a_drive_claims_while_it_holds_moves_nothing(
     sim: RunningSim, arm: LocalDevice, claim: Claim, node: int
 ) -> None:
     index, sub, data = claim
-    until(lambda: _enables(arm), "it can be enabled")
+    eventually(lambda: _enables(arm), "it can be enabled")
     before = at_rest(sim)
     counters = device_of(arm).link.counters
     with no_surprise():
@@ -127,7 +128,7 @@ def test_what_a_drive_claims_while_it_holds_moves_nothing(
         assert told is not None
         assert all(np.isfinite(value).all() for value in (told[0].position, told[0].velocity))
         sim.control.clear("claim")
-        until(lambda: _enables(arm), "it can be enabled again")
+        eventually(lambda: _enables(arm), "it can be enabled again")
     assert positions(sim) == pytest.approx(before, abs=may_go(claim, before[node - 1]))
 
 
@@ -135,15 +136,15 @@ def test_what_a_drive_claims_while_it_holds_moves_nothing(
 def test_a_position_that_a_joint_cannot_have_come_to_is_a_fault_and_moves_nothing(
     sim: RunningSim, arm: LocalDevice, counts: int
 ) -> None:
-    until(lambda: _enables(arm), "it can be enabled")
+    eventually(lambda: _enables(arm), "it can be enabled")
     before = positions(sim)
     data = counts.to_bytes(4, "little", signed=True).hex()
     sim.control.inject("claim", node=2, index=0x6064, data=data)
-    until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+    eventually(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
     assert f"tells that it is at {counts} counts, where it cannot" in arm.operating_state().detail
     sim.control.clear("claim")
     _after(device_of(arm).link.counters.cycles + 4, arm)
-    until(lambda: _enables(arm), "it can be enabled again")
+    eventually(lambda: _enables(arm), "it can be enabled again")
     assert positions(sim) == pytest.approx(before, abs=0.01)
 
 
@@ -157,29 +158,29 @@ def test_a_position_that_comes_without_power_is_no_target_when_it_is_enabled(
     sim.control.inject("claim", node=2, index=0x6064, data=data)
     _after(counters.cycles + 4, arm)
     with pytest.raises(CrtkError, match=f"tells that it is at {counts} counts"):
-        arm.enable(SOON)
+        arm.enable(LONG)
     _after(counters.cycles + 4, arm)
     assert positions(sim) == pytest.approx(before, abs=0.01)
     sim.control.inject("reset", node=2)  # its position counts anew, whatever it is
-    until(lambda: "started anew" in arm.operating_state().detail, "it has booted")
+    eventually(lambda: "started anew" in arm.operating_state().detail, "it has booted")
     sim.control.clear("claim")
-    until(lambda: _enables(arm), "it can be enabled again")
+    eventually(lambda: _enables(arm), "it can be enabled again")
     assert positions(sim) == pytest.approx(before, abs=0.01)
 
 
 def test_a_drive_that_shows_no_state_stops_and_follows_no_position_that_it_tells(
     sim: RunningSim, arm: LocalDevice
 ) -> None:
-    until(lambda: _enables(arm), "it can be enabled")
+    eventually(lambda: _enables(arm), "it can be enabled")
     before = positions(sim)
     sim.control.inject("claim", node=2, index=0x6041, data="ffff")
-    until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+    eventually(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
     assert "it shows no state (statusword 0xffff" in arm.operating_state().detail
     sim.control.inject("claim", node=2, index=0x6064, data=(5_000_000).to_bytes(4, "little").hex())
     _after(device_of(arm).link.counters.cycles + 10, arm)
     assert positions(sim) == pytest.approx(before, abs=0.01)
     sim.control.clear("claim")
-    until(lambda: _enables(arm), "it can be enabled again")
+    eventually(lambda: _enables(arm), "it can be enabled again")
     assert positions(sim) == pytest.approx(before, abs=0.01)
 
 
@@ -189,21 +190,21 @@ def test_an_arm_whose_joint_stands_where_it_cannot_is_not_enabled(sim: RunningSi
     sim.control.inject("claim", node=2, index=0x6064, data=(2**31 - 1).to_bytes(4, "little").hex())
     with arm_of(arm_on(sim, 2)) as arm:
         with pytest.raises(CrtkError, match="where no joint of its range can stand"):
-            arm.enable(SOON)
+            arm.enable(LONG)
         _after(device_of(arm).link.counters.cycles + 4, arm)
         assert positions(sim) == pytest.approx(before, abs=0.01)
         sim.control.clear("claim")
 
 
 def _after(cycles: int, arm: LocalDevice) -> None:
-    until(lambda: device_of(arm).link.counters.cycles >= cycles, "the driver has seen it")
+    eventually(lambda: device_of(arm).link.counters.cycles >= cycles, "the driver has seen it")
 
 
 def _enables(arm: LocalDevice) -> bool:
     if arm.is_enabled():
         return True
     try:
-        arm.enable(SOON)
+        arm.enable(LONG)
     except CrtkError:
         return False
     return True

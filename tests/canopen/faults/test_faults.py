@@ -25,19 +25,12 @@ from crtk_drivers.errors import CommandRefused, MotionAborted, TransitionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from rigs.canopen_arm import LISTENING, PERIOD, arm_on, device_of, drives
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 COUNT = 3
 FAR = 2.0
 CYCLES = 6
 """Cycles in which something that moves by itself would have begun to."""
-
-
-def until(condition, what: str) -> None:
-    end = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < end, f"not within {LONG:g} s: {what}"
-        time.sleep(0.005)
 
 
 class Bench:
@@ -73,7 +66,7 @@ class Bench:
     def cycles(self, count: int = CYCLES) -> None:
         """Wait for so many samples."""
         samples = self.arm.engine.health().samples
-        until(lambda: self.arm.engine.health().samples >= samples + count, "samples come")
+        eventually(lambda: self.arm.engine.health().samples >= samples + count, "samples come")
 
     def enables(self) -> bool:
         try:
@@ -83,32 +76,32 @@ class Bench:
         return True
 
     def enable(self) -> None:
-        until(self.enables, f"it can be enabled: {self.detail()}")
+        eventually(self.enables, f"it can be enabled: {self.detail()}")
 
     def start_moving(self, ratio: float = 0.3):
         """Start a move that takes longer than any fault to be told, and return it once all joints move."""
         away = -FAR if self.arm.measured_js().position[0] > 0.0 else FAR
         self.arm.trajectory_j.set_ratio_v(ratio)
         move = self.arm.move_jp([away] * COUNT)
-        until(lambda: min(abs(drive["velocity"]) for drive in self.drives()) > 1e4, "it moves")
+        eventually(lambda: min(abs(drive["velocity"]) for drive in self.drives()) > 1e4, "it moves")
         return move
 
     def fails(self, move, *words: str) -> None:
         """The state is FAULT with these words, the move is over, and all joints come to rest."""
-        until(lambda: self.state() == "FAULT", "it is in FAULT")
+        eventually(lambda: self.state() == "FAULT", "it is in FAULT")
         with pytest.raises(MotionAborted):
             move.wait(LONG)
         for word in words:
-            until(lambda word=word: word in self.detail(), f"{word!r} in {self.detail()!r}")
-        until(self.still, "all stand")
+            eventually(lambda word=word: word in self.detail(), f"{word!r} in {self.detail()!r}")
+        eventually(self.still, "all stand")
 
     def recovers(self) -> None:
         """The fault goes away: nothing moves, and enabling helps."""
         self.sim.control.clear()
-        until(lambda: self.arm.engine.connected, "it is connected")
+        eventually(lambda: self.arm.engine.connected, "it is connected")
         self.cycles()
         assert self.state() in ("FAULT", "DISABLED")
-        until(self.still, "all stand")
+        eventually(self.still, "all stand")
         before = self.revolutions()
         self.cycles()
         np.testing.assert_allclose(self.revolutions(), before, atol=0.05)
@@ -118,7 +111,9 @@ class Bench:
         np.testing.assert_allclose(self.revolutions(), before, atol=0.1)
         goal = self.arm.setpoint_js().position + 0.02
         self.arm.move_jp(goal).wait(LONG)
-        until(lambda: np.abs(self.arm.measured_js().position - goal).max() < 1e-2, "it is there")
+        eventually(
+            lambda: np.abs(self.arm.measured_js().position - goal).max() < 1e-2, "it is there"
+        )
 
 
 @contextmanager
@@ -126,7 +121,7 @@ def bench_of(sim, **keys: Any) -> Iterator[Bench]:
     arm = LocalDevice(Session(PLUGIN, arm_on(sim, COUNT, **keys)))
     try:
         arm._session.start()
-        until(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
+        eventually(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
         yield Bench(sim, arm)
     finally:
         arm.close()
@@ -147,7 +142,7 @@ def shared(sim):
 @pytest.fixture
 def bench(shared):
     shared.sim.control.clear()
-    until(lambda: shared.arm.engine.connected, "it is connected")
+    eventually(lambda: shared.arm.engine.connected, "it is connected")
     shared.enable()
     yield shared
     shared.sim.control.clear()
@@ -193,10 +188,10 @@ def test_a_fault_in_motion_stops_all_joints_and_its_end_moves_nothing(
 
 def test_a_drive_that_was_silent_longer_than_it_waits_for_us_is_set_up_again(bench: Bench) -> None:
     bench.inject("silent", node=2)
-    until(lambda: bench.nmt(2) == "pre_operational", "it has given us up")
-    until(lambda: bench.state() == "FAULT", "it is in FAULT")
+    eventually(lambda: bench.nmt(2) == "pre_operational", "it has given us up")
+    eventually(lambda: bench.state() == "FAULT", "it is in FAULT")
     bench.sim.control.clear()
-    until(lambda: "node 2 is not operational any more" in bench.detail(), "it says so")
+    eventually(lambda: "node 2 is not operational any more" in bench.detail(), "it says so")
     bench.recovers()
 
 
@@ -207,7 +202,7 @@ def test_a_drive_that_comes_back_does_not_go_on_to_an_old_target(policy: str) ->
         move = bench.start_moving()
         bench.inject("no_tpdo", node=2)
         bench.fails(move, "node 2 does not send its PDOs")
-        until(lambda: not bench.drives()[1]["powered"], "it has been stopped")
+        eventually(lambda: not bench.drives()[1]["powered"], "it has been stopped")
         bench.recovers()
 
 
@@ -227,7 +222,7 @@ ERRORS = {
 def test_emergencies_of_every_class_are_told_in_words_and_end_with_enable(bench: Bench) -> None:
     for error, words in ERRORS.items():
         bench.inject("fault", node=2, error=error, vendor="0102")
-        until(lambda words=words: words in bench.detail(), f"{words} in {bench.detail()}")
+        eventually(lambda words=words: words in bench.detail(), f"{words} in {bench.detail()}")
         assert "joint joint_2 (node 2)" in bench.detail()
         assert "vendor bytes 01 02" in bench.detail()
         bench.enable()
@@ -243,7 +238,7 @@ def test_enabling_at_once_after_a_fault_in_motion_cuts_off_no_ramp(bench: Bench)
         call("object", **{**deceleration, "node": node}, value=400_000)
     move = bench.start_moving(0.15)  # from which a ramp takes less than a stop may
     bench.inject("fault", node=2, error="over_current")
-    until(lambda: bench.state() == "FAULT", "it is in FAULT")
+    eventually(lambda: bench.state() == "FAULT", "it is in FAULT")
     with pytest.raises(MotionAborted):
         move.wait(LONG)
     bench.arm.state_command("enable", 0.0)
@@ -253,7 +248,7 @@ def test_enabling_at_once_after_a_fault_in_motion_cuts_off_no_ramp(bench: Bench)
             assert drive["powered"] or abs(drive["velocity"]) < 1e4, "it coasts"
         return bench.state() == "ENABLED"
 
-    until(is_enabled, "it is enabled")
+    eventually(is_enabled, "it is enabled")
     for node in nodes:
         call("object", **{**deceleration, "node": node}, value=before)
 
@@ -283,7 +278,7 @@ def test_a_disturbance_does_not_end_a_move(
     bench.inject(kind, **parameters)
     goal = bench.arm.setpoint_js().position * 0.5
     bench.arm.move_jp(goal).wait(LONG)
-    until(lambda: np.abs(bench.arm.measured_js().position - goal).max() < 1e-2, "it is there")
+    eventually(lambda: np.abs(bench.arm.measured_js().position - goal).max() < 1e-2, "it is there")
     assert bench.state() == "ENABLED"
 
 
@@ -304,12 +299,12 @@ def test_disable_in_motion_takes_the_power_after_the_joints_stand(
             getattr(bench.arm, command)(value)
             return min(abs(drive["velocity"]) for drive in bench.drives()) > 1e4
 
-        until(runs, "it moves")
+        eventually(runs, "it moves")
     bench.arm.disable(LONG)
     drives_now = bench.drives()
     assert not any(drive["powered"] for drive in drives_now)
     assert max(abs(drive["velocity"]) for drive in drives_now) < 1e4
-    until(bench.still, "all stand")
+    eventually(bench.still, "all stand")
 
 
 def test_a_mode_that_a_drive_does_not_take_is_a_fault_that_enable_removes(bench: Bench) -> None:
@@ -320,7 +315,7 @@ def test_a_mode_that_a_drive_does_not_take_is_a_fault_that_enable_removes(bench:
             bench.arm.servo_jv([0.1] * COUNT)
         return bench.state() == "FAULT"
 
-    until(refused, "it is in FAULT")
+    eventually(refused, "it is in FAULT")
     assert "joint joint_2 (node 2): it still shows" in bench.detail()
     bench.recovers()
 
@@ -329,9 +324,11 @@ def test_enable_that_is_given_up_leaves_no_drive_that_gets_power_later(bench: Be
     bench.arm.disable(LONG)
     bench.inject("supply_off", node=2)
     bench.arm.state_command("enable", 0.0)
-    until(lambda: bench.drives()[0]["powered"], "the first has power")
+    eventually(lambda: bench.drives()[0]["powered"], "the first has power")
     bench.arm.state_command("disable")
-    until(lambda: not any(drive["powered"] for drive in bench.drives()), "all are switched off")
+    eventually(
+        lambda: not any(drive["powered"] for drive in bench.drives()), "all are switched off"
+    )
     bench.sim.control.clear()
     bench.cycles(30)
     assert not any(drive["powered"] for drive in bench.drives())
@@ -357,7 +354,7 @@ def test_cycles_that_the_kernel_began_meanwhile_are_not_caught_up_with() -> None
 
             bench.enable()
             bench.arm.engine.on_sample = stall
-            until(lambda: len(after) > 20, "it goes on")
+            eventually(lambda: len(after) > 20, "it goes on")
             assert sum(seconds < 5 * PERIOD for seconds in after) < 15
 
 
@@ -366,8 +363,8 @@ def test_setting_up_a_drive_again_neither_delays_the_cycle_nor_lets_the_others_g
         bench.enable()
         bench.inject("slow_sdo", node=3, delay=0.01)  # in all, longer than drives wait
         bench.inject("reset", node=3)
-        until(lambda: "node 3 has started anew" in bench.detail(), "it says why")
-        until(lambda: bench.nmt(3) == "pre_operational", "it has booted")
+        eventually(lambda: "node 3 has started anew" in bench.detail(), "it says why")
+        eventually(lambda: bench.nmt(3) == "pre_operational", "it has booted")
         bench.arm.state_command("enable", 0.0)
         while not bench.arm.engine.transition_ended:
             assert [drive["powered"] for drive in bench.drives()[:2]] == [True, True]
@@ -381,7 +378,7 @@ def test_a_drive_that_answers_nothing_is_not_enabled_and_the_others_hold() -> No
         bench.enable()
         bench.inject("no_sdo", node=3)
         bench.inject("reset", node=3)
-        until(lambda: "node 3 has started anew" in bench.detail(), "it says why")
+        eventually(lambda: "node 3 has started anew" in bench.detail(), "it says why")
         with pytest.raises(TransitionFailed, match="node 3"):
             bench.arm.enable(LONG)
         sim.control.clear()
@@ -392,10 +389,10 @@ def refused(sim, words: str, joint: dict[str, Any] | None = None) -> None:
     arm = LocalDevice(Session(PLUGIN, arm_on(sim, COUNT, joint)))
     try:
         arm._session.start()
-        until(lambda: words in arm.operating_state().detail, words)
+        eventually(lambda: words in arm.operating_state().detail, words)
         assert not arm.engine.connected
         sim.control.clear()
-        until(lambda: arm.engine.connected, "it is connected")
+        eventually(lambda: arm.engine.connected, "it is connected")
     finally:
         arm.close()
 
@@ -422,16 +419,16 @@ def test_a_drive_that_keeps_its_power_is_not_called_disabled() -> None:
         with bench_of(sim, disable="hold") as bench:
             bench.enable()
             bench.inject("local_control", node=2)
-            until(lambda: bench.state() == "FAULT", "it is in FAULT")
+            eventually(lambda: bench.state() == "FAULT", "it is in FAULT")
             bench.sim.control.call("object", node=2, index=0x6007, value=0)
         config = arm_on(sim, COUNT, open_timeout=2.0)
         arm = LocalDevice(Session(PLUGIN, config))
         try:
             arm._session.start()
             words = "does not let go of the power that it has: joint joint_2 (node 2)"
-            until(lambda: words in arm.operating_state().detail, words)
+            eventually(lambda: words in arm.operating_state().detail, words)
             sim.control.clear()
-            until(lambda: arm.engine.connected, "it is connected")
+            eventually(lambda: arm.engine.connected, "it is connected")
             assert not any(drive["powered"] for drive in bench.drives())
         finally:
             arm.close()
@@ -446,14 +443,14 @@ def test_a_drive_that_has_started_anew_is_not_homed_any_more() -> None:
         arm = LocalDevice(Session(PLUGIN, arm_on(sim, 1, joint)))
         try:
             arm._session.start()
-            until(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
+            eventually(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
             arm.enable(LONG)
             arm.home(LONG)
             assert arm.is_homed()
             sim.control.inject("reset", node=1)
-            until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
-            until(lambda: not arm.is_homed(), "it is not homed")
-            until(lambda: arm.operating_state().state == "DISABLED", "it is connected again")
+            eventually(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+            eventually(lambda: not arm.is_homed(), "it is not homed")
+            eventually(lambda: arm.operating_state().state == "DISABLED", "it is connected again")
             assert not arm.is_homed()
         finally:
             arm.close()
@@ -465,22 +462,22 @@ def test_homing_begins_after_motion_has_ended_and_its_end_by_disable_stops_it() 
         bench = Bench(sim, arm)
         try:
             arm._session.start()
-            until(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
+            eventually(lambda: arm.engine.connected and arm.engine.has_sample, "it is connected")
             arm.enable(LONG)
 
             def runs() -> bool:
                 arm.servo_jv([1.0])
                 return abs(bench.drives()[0]["velocity"]) > 1e3
 
-            until(runs, "it moves")
+            eventually(runs, "it moves")
             arm.home(LONG)
             assert arm.is_homed()
             arm.unhome(LONG)
             arm.state_command("home", 0.0)
-            until(lambda: bench.drives()[0]["mode"] == 6, "it homes")
+            eventually(lambda: bench.drives()[0]["mode"] == 6, "it homes")
             arm.disable(LONG)
             assert not bench.drives()[0]["powered"]
-            until(bench.still, "it stands")
+            eventually(bench.still, "it stands")
         finally:
             arm.close()
 
@@ -501,7 +498,7 @@ def test_a_second_master_refuses_to_start_and_does_not_disturb_the_first(
     other = LocalDevice(Session(PLUGIN, arm_on(bench.sim, COUNT, **keys)))
     try:
         other._session.start()
-        until(lambda: "another master" in other.operating_state().detail, "it is refused")
+        eventually(lambda: "another master" in other.operating_state().detail, "it is refused")
         assert heard in other.operating_state().detail
         assert not other.engine.connected
     finally:
@@ -514,9 +511,9 @@ def test_the_log_of_frames_goes_on_after_the_bus_was_lost(tmp_path: Path) -> Non
     path = tmp_path / "frames.log"
     with drives(COUNT) as sim, bench_of(sim, candump=str(path)) as bench:
         bench.inject("bus_off", node="native*")
-        until(lambda: bench.state() == "FAULT", "it is in FAULT")
+        eventually(lambda: bench.state() == "FAULT", "it is in FAULT")
         bench.sim.control.clear()
-        until(lambda: bench.state() == "DISABLED", "it is back")
+        eventually(lambda: bench.state() == "DISABLED", "it is back")
     starts = [line for line in path.read_text().splitlines() if line.endswith(" 000#8000")]
     assert len(starts) >= 2
 
@@ -527,9 +524,9 @@ def test_a_job_of_before_a_reconnect_writes_nothing_after_it() -> None:
         link = device_of(bench.arm).link
         before = Sdo(link.master.sdo(1))
         bench.inject("bus_off", node="native*")
-        until(lambda: bench.state() == "FAULT", "it is in FAULT")
+        eventually(lambda: bench.state() == "FAULT", "it is in FAULT")
         bench.sim.control.clear()
-        until(lambda: bench.state() == "DISABLED", "it is back")
+        eventually(lambda: bench.state() == "DISABLED", "it is back")
         with pytest.raises(BusLost, match="closed meanwhile"):
             before.write(OBJECTS["profile_velocity"], 1)
         assert Sdo(link.master.sdo(1)).read(OBJECTS["profile_velocity"]) != 1
@@ -567,16 +564,18 @@ def test_drives_stop_by_themselves_when_the_driver_is_killed_or_frozen(number: i
         program = subprocess.Popen([sys.executable, "-c", PROGRAM, config, "servo_jv", "0.5"])
         bench = Bench(sim, None)
         try:
-            until(lambda: min(abs(drive["velocity"]) for drive in bench.drives()) > 1e4, "it moves")
+            eventually(
+                lambda: min(abs(drive["velocity"]) for drive in bench.drives()) > 1e4, "it moves"
+            )
             os.kill(program.pid, number)
-            until(
+            eventually(
                 lambda: not any(drive["powered"] for drive in bench.drives()) and bench.still(),
                 "they stand without power",
             )
             before = bench.revolutions()
             if number == signal.SIGSTOP:
                 os.kill(program.pid, signal.SIGCONT)
-                until(lambda: bench.nmt(1) == "operational", "the driver is back")
+                eventually(lambda: bench.nmt(1) == "operational", "the driver is back")
                 assert not any(drive["powered"] for drive in bench.drives())
             np.testing.assert_allclose(bench.revolutions(), before, atol=0.05)
         finally:

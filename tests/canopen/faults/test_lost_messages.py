@@ -13,7 +13,8 @@ import pytest
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import PERIOD, SOON, TIMEOUT, arm_of, arm_on, device_of, drives, until
+from rigs.canopen_arm import PERIOD, TIMEOUT, arm_of, arm_on, device_of, drives
+from rigs.waiting import LONG, eventually
 
 COUNT = 2
 MOVING = 1e4
@@ -60,8 +61,8 @@ class Bench:
             arm = self._arm.enter_context(arm_of(arm_on(self.sim, COUNT, on_close=on_close)))
             self._connected = on_close, arm
         arm = self._connected[1]
-        until(lambda: arm.engine.transition_ended, "it is disabled")
-        arm.enable(SOON)
+        eventually(lambda: arm.engine.transition_ended, "it is disabled")
+        arm.enable(LONG)
         return arm
 
     def close(self) -> None:
@@ -87,7 +88,7 @@ class Bench:
                     getattr(arm, command)([away * STREAMS[command]] * COUNT)
             return min(abs(drive["velocity"]) for drive in self.drives()) > MOVING
 
-        until(runs, "it moves")
+        eventually(runs, "it moves")
 
     def stands(self) -> bool:
         return all(abs(drive["velocity"]) < 1.0 for drive in self.drives())
@@ -141,7 +142,7 @@ def test_one_message_on_the_way_to_a_stop_does_not_keep_it(
         bench.moves(arm, command)
         with one_message(bench.sim, MESSAGES[message], happens):
             stop(arm)
-            until(lambda arm=arm: bench.has_stopped(arm), f"{happens}")  # type: ignore[misc]
+            eventually(lambda arm=arm: bench.has_stopped(arm), f"{happens}")  # type: ignore[misc]
         before = bench.revolutions()
         time.sleep(AFTERWARDS)
         np.testing.assert_allclose(bench.revolutions(), before, atol=0.1, err_msg=str(happens))
@@ -158,9 +159,11 @@ def test_one_message_on_the_way_of_close_does_not_keep_the_joints_from_a_stop(
         bench.moves(arm, "servo_jv")
         with one_message(bench.sim, MESSAGES[message], happens):
             bench.close()
-            until(bench.stands, f"{happens}")
+            eventually(bench.stands, f"{happens}")
         before = bench.revolutions()
         time.sleep(TIMEOUT + 2 * AFTERWARDS)  # longer than the drives wait for anything
         np.testing.assert_allclose(bench.revolutions(), before, atol=0.1, err_msg=str(happens))
         if on_close == "power_off":
-            until(lambda: not any(drive["powered"] for drive in bench.drives()), "no power is left")
+            eventually(
+                lambda: not any(drive["powered"] for drive in bench.drives()), "no power is left"
+            )

@@ -17,7 +17,8 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
 from rigs.beside import beside
-from rigs.canopen_arm import LISTENING, SOON, arm_of, arm_on, drives, until
+from rigs.canopen_arm import LISTENING, arm_of, arm_on, drives
+from rigs.waiting import LONG, eventually
 
 COUNT = 2
 
@@ -36,13 +37,13 @@ def shared(sim: RunningSim) -> Iterator[LocalDevice]:
 
 @pytest.fixture
 def arm(shared: LocalDevice) -> LocalDevice:
-    until(lambda: enables(shared), "it can be enabled")
+    eventually(lambda: enables(shared), "it can be enabled")
     return shared
 
 
 def enables(arm: LocalDevice) -> bool:
     try:
-        arm.enable(SOON)
+        arm.enable(LONG)
     except (TransitionFailed, CommandRefused):
         return False
     return True
@@ -60,9 +61,9 @@ def send(bus: can.BusABC, cob_id: int, data: str = "") -> None:
 
 
 def faults(arm: LocalDevice, *words: str) -> None:
-    until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+    eventually(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
     for word in words:
-        until(
+        eventually(
             lambda word=word: word in arm.operating_state().detail,
             f"{word!r} in {arm.operating_state().detail!r}",
         )
@@ -101,10 +102,10 @@ def test_another_master_is_a_fault_for_as_long_as_it_is_heard(
 ) -> None:
     with repeated(other, cob_id, data):
         faults(arm, "another master is on this bus: it sends", words)
-        until(lambda: not any(powered(sim)), "the drives stop and let go")
+        eventually(lambda: not any(powered(sim)), "the drives stop and let go")
         with pytest.raises(TransitionFailed, match="another master"):
-            arm.enable(SOON)
-    until(lambda: enables(arm), "it can be enabled again")
+            arm.enable(LONG)
+    eventually(lambda: enables(arm), "it can be enabled again")
 
 
 def test_who_else_is_on_the_bus_is_told(arm: LocalDevice, other: can.BusABC) -> None:
@@ -122,12 +123,12 @@ def test_a_driver_refuses_a_bus_on_which_somebody_sends_sync(
         try:
             with repeated(bus, 0x080, ""):
                 arm._session.start()
-                until(
+                eventually(
                     lambda: "SYNC that is not ours" in arm.operating_state().detail, "it is refused"
                 )
                 assert not arm.engine.connected
                 assert sim.control.status()["drives"]["1"]["nmt"] == "pre_operational"
-            until(lambda: arm.engine.connected, "it is connected")
+            eventually(lambda: arm.engine.connected, "it is connected")
         finally:
             arm.close()
 
@@ -156,9 +157,9 @@ def test_a_second_process_for_other_drives_is_refused_and_the_arm_goes_on(
     program = [sys.executable, "-c", SECOND, values, str(LISTENING)]
     told = subprocess.run(program, check=True, capture_output=True, text=True, timeout=60.0).stdout
     assert "another master is on this bus: it sends SYNC that is not ours" in told
-    move.wait(SOON)
+    move.wait(LONG)
     assert arm.operating_state().state == "ENABLED"
-    arm.move_jp(arm.setpoint_js().position - 0.2).wait(SOON)
+    arm.move_jp(arm.setpoint_js().position - 0.2).wait(LONG)
 
 
 # ------------------------------------------------------------------------------- behind the driver's back
@@ -184,11 +185,11 @@ def test_a_node_that_somebody_commands_is_a_fault_that_says_so(
         f"node 2 {happened} (somebody else sent the NMT command '{command}' to node 2)",
         "it is set up again when the arm is enabled",
     )
-    until(lambda: not powered(sim)[1], "it has no power")
-    until(lambda: enables(arm), "it can be enabled again")
+    eventually(lambda: not powered(sim)[1], "it has no power")
+    eventually(lambda: enables(arm), "it can be enabled again")
     assert arm.operating_state().detail == ""
     assert abs(arm.measured_js().position - before).max() < 0.05
-    arm.move_jp(arm.setpoint_js().position + 0.02).wait(SOON)
+    arm.move_jp(arm.setpoint_js().position + 0.02).wait(LONG)
 
 
 def test_a_drive_that_follows_velocities_stops_when_it_is_not_operational_any_more(
@@ -199,11 +200,11 @@ def test_a_drive_that_follows_velocities_stops_when_it_is_not_operational_any_mo
         drives_now = sim.control.status()["drives"]
         return all(drives_now[node]["axes"][0]["velocity"] > 1e5 for node in drives_now)
 
-    until(runs, "it moves")
+    eventually(runs, "it moves")
     send(other, 0x000, "8002")
     faults(arm, "node 2 is not operational any more")
-    until(lambda: not any(powered(sim)), "they stop and let go")
-    until(lambda: enables(arm), "it can be enabled again")
+    eventually(lambda: not any(powered(sim)), "they stop and let go")
+    eventually(lambda: enables(arm), "it can be enabled again")
 
 
 def test_a_node_whose_heartbeat_is_switched_off_is_set_up_again(
@@ -211,7 +212,7 @@ def test_a_node_whose_heartbeat_is_switched_off_is_set_up_again(
 ) -> None:
     send(other, 0x602, "2b17100000000000")  # producer heartbeat time 0
     faults(arm, "node 2 is not heard any more")
-    until(lambda: enables(arm), "it can be enabled again")
+    eventually(lambda: enables(arm), "it can be enabled again")
 
 
 def test_a_node_whose_pdo_is_mapped_otherwise_is_a_fault_and_set_up_again(
@@ -219,13 +220,13 @@ def test_a_node_whose_pdo_is_mapped_otherwise_is_a_fault_and_set_up_again(
 ) -> None:
     send(other, 0x602, "23001801820100c0")  # TPDO 1 is not valid any more
     faults(arm, "node 2 does not send its PDOs")
-    until(lambda: enables(arm), "it can be enabled again")
-    arm.move_jp(arm.setpoint_js().position + 0.02).wait(SOON)
+    eventually(lambda: enables(arm), "it can be enabled again")
+    arm.move_jp(arm.setpoint_js().position + 0.02).wait(LONG)
 
 
 def test_a_node_that_starts_anew_while_the_arm_is_disabled_is_a_fault(
     arm: LocalDevice, other: can.BusABC
 ) -> None:
-    arm.disable(SOON)
+    arm.disable(LONG)
     send(other, 0x000, "8101")
     faults(arm, "node 1 has started anew")

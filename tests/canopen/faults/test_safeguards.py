@@ -14,7 +14,8 @@ from crtk_drivers.errors import CommandRefused, ConfigError
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import JOINT, SOON, arm_of, arm_on, device_of, drives, until
+from rigs.canopen_arm import JOINT, arm_of, arm_on, device_of, drives
+from rigs.waiting import LONG, eventually
 
 COUNTS = 65536 * 100 / (2 * math.pi)
 """Position units of a simulated drive for one rad behind a gear of 100."""
@@ -32,7 +33,7 @@ def refused(sim: RunningSim, words: str, joint: dict[str, Any] | None = None, **
     arm = LocalDevice(Session(PLUGIN, arm_on(sim, 1, joint, **keys)))
     try:
         arm._session.start()
-        until(lambda: words in arm.operating_state().detail, words)
+        eventually(lambda: words in arm.operating_state().detail, words)
         assert not arm.engine.connected
     finally:
         arm.close()
@@ -136,7 +137,7 @@ def test_a_limit_that_a_drive_ignores_is_noted() -> None:
         sim.control.inject("ignored_writes", index=0x607D)
         with arm_of(arm_on(sim, 1)) as arm:
             assert "607Dh:01 min position limit" in notes(arm)
-            arm.enable(SOON)
+            arm.enable(LONG)
 
 
 def test_limits_are_not_given_to_a_drive_that_counts_with_a_home_offset() -> None:
@@ -154,9 +155,9 @@ def test_a_joint_outside_of_its_range_does_not_move_when_it_gets_power(moved: bo
     joint = {"lower": -0.5, "upper": 0.5}
     with drives(1) as sim:
         with arm_of(arm_on(sim, 1)) as arm:
-            arm.enable(SOON)
-            arm.move_jp([start]).wait(SOON)
-            arm.disable(SOON)
+            arm.enable(LONG)
+            arm.move_jp([start]).wait(LONG)
+            arm.disable(LONG)
         config = arm_on(sim, 1, joint)
         with arm_of(config) as arm:
             if moved:  # by hand, as it seems to the drive: its counts change
@@ -165,7 +166,7 @@ def test_a_joint_outside_of_its_range_does_not_move_when_it_gets_power(moved: bo
                 device.axes[0].limits = device.axes[0].limits._replace(greatest=-1000)  # type: ignore[union-attr]
                 give(sim, -1000, 0x607D, 2)
             before = sim.control.status()["drives"]["1"]["axes"][0]["revolutions"]
-            arm.enable(SOON)
+            arm.enable(LONG)
             after = sim.control.status()["drives"]["1"]["axes"][0]["revolutions"]
             np.testing.assert_allclose(after, before, atol=0.05)
 
@@ -174,8 +175,8 @@ def test_a_homed_joint_has_its_limits_from_then_on() -> None:
     joint = {"lower": -1.0, "upper": 1.0, "homing": {"method": 37, "required": True}}
     with drives(1) as sim, arm_of(arm_on(sim, 1, joint)) as arm:
         assert held(sim, 0x607D, 2) == 2**31 - 1
-        arm.enable(SOON)
-        arm.home(SOON)
+        arm.enable(LONG)
+        arm.home(LONG)
         assert held(sim, 0x607D, 2) == pytest.approx(COUNTS, abs=3)
 
 
@@ -286,8 +287,10 @@ def test_a_silent_node_is_named_in_time_and_closing_does_not_wait_for_it(timeout
                 detail = arm.operating_state().detail
                 return "node 1" in detail and "no answer" in detail
 
-            until(is_named, "it is named")
-            until(lambda: sim.control.status()["drives"]["1"]["nmt"] == "pre_operational", "again")
+            eventually(is_named, "it is named")
+            eventually(
+                lambda: sim.control.status()["drives"]["1"]["nmt"] == "pre_operational", "again"
+            )
         finally:
             arm.close()
 

@@ -19,17 +19,8 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Stamp
 from crtk_drivers.state import Status
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import (
-    JOINT,
-    PERIOD,
-    SOON,
-    arm_of,
-    arm_on,
-    device_of,
-    drives,
-    until,
-    wait_for_sync,
-)
+from rigs.canopen_arm import JOINT, PERIOD, arm_of, arm_on, device_of, drives, wait_for_sync
+from rigs.waiting import LONG, eventually
 
 COUNT = 2
 SPEED = 0.5
@@ -104,7 +95,7 @@ def streaming(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]
     thread = threading.Thread(target=stream if command != "move_jp" else ended.wait)
     thread.start()
     try:
-        until(move, "both joints move")
+        eventually(move, "both joints move")
         yield
     finally:
         ended.set()
@@ -119,12 +110,12 @@ def test_drives_that_are_heard_again_after_fault_stay_where_they_are(
 ) -> None:
     config = {**PATIENT, "missed_cycles": 50}
     with patient_drives() as sim, arm_of(arm_on(sim, COUNT, **config)) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         again = WhenFault(sim, "silent")
         with streaming(sim, command, arm):
             arm.engine.add_observer(again)
             sim.control.inject("silent", **which)
-            until(again.done.is_set, "it is in FAULT")
+            eventually(again.done.is_set, "it is in FAULT")
             assert again.before is not None
             silent = slice(0, 1) if which else slice(None)
             far = 0.0
@@ -141,11 +132,11 @@ def test_a_drive_that_is_heard_again_before_fault_catches_up_within_its_limits(
 ) -> None:
     limits: dict[str, Any] = {"velocity": 1.0, "drive_limits": "keep"}
     with patient_drives() as sim, arm_of(arm_on(sim, COUNT, limits, **PATIENT)) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         link = device_of(arm).link
         with streaming(sim, command, arm):
             sim.control.inject("silent", node=1, duration=SILENT)
-            until(lambda: link.cycle.ages[0] * PERIOD > LOST_TIME, "it is silent")
+            eventually(lambda: link.cycle.ages[0] * PERIOD > LOST_TIME, "it is silent")
             looks: list[tuple[float, float, float]] = []  # before, where, after
             while not looks or looks[-1][0] < looks[0][0] + SILENT + 1.0:
                 before = time.monotonic()
@@ -156,15 +147,15 @@ def test_a_drive_that_is_heard_again_before_fault_catches_up_within_its_limits(
             fastest = max((end[1] - begin[1]) / (end[2] - begin[0]) for begin, end in pairs)
             assert fastest < 1.5 * limits["velocity"]
             assert arm.operating_state().state == "ENABLED", arm.operating_state().detail
-            until(lambda: np.ptp(joints(sim)) < 0.05, "it has caught up")
+            eventually(lambda: np.ptp(joints(sim)) < 0.05, "it has caught up")
 
 
 def test_drives_that_are_all_silent_are_lost_no_sooner_than_is_configured() -> None:
     with patient_drives() as sim, arm_of(arm_on(sim, COUNT, **PATIENT)) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         link = device_of(arm).link
         sim.control.inject("silent", duration=SILENT)
-        until(lambda: link.age * PERIOD > LOST_TIME, "they are silent")
-        until(lambda: not link.age, "they are heard again")
+        eventually(lambda: link.age * PERIOD > LOST_TIME, "they are silent")
+        eventually(lambda: not link.age, "they are heard again")
         assert arm.operating_state().state == "ENABLED", arm.operating_state().detail
         assert not arm.health().reconnects

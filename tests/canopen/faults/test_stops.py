@@ -18,16 +18,15 @@ from crtk_sim_backends.process import RunningSim
 from rigs.beside import beside
 from rigs.canopen_arm import (
     PERIOD,
-    SOON,
     TIMEOUT,
     arm_of,
     arm_on,
     device_of,
     drives,
     patient_arm_on,
-    until,
     wait_for_sync,
 )
+from rigs.waiting import LONG, eventually
 
 COUNT = 2
 MOVING = 1e4
@@ -58,7 +57,7 @@ def moves(sim: RunningSim, command: str, arm: LocalDevice) -> Callable[[], bool]
 def going_on(sim: RunningSim, command: str, arm: LocalDevice) -> Iterator[None]:
     """Have all joints move, and the stream go on until the end."""
     sending = moves(sim, command, arm)
-    until(sending, "it moves")
+    eventually(sending, "it moves")
 
     def send(over: threading.Event) -> None:
         while not over.wait(PERIOD):
@@ -86,7 +85,7 @@ def in_its_thread(arm: LocalDevice, action: Callable[[], None]) -> None:
             done.set()
 
     arm.engine.on_sample = once
-    assert done.wait(SOON)
+    assert done.wait(LONG)
 
 
 # ------------------------------------------------------------------------------ before it has begun
@@ -99,9 +98,11 @@ def test_no_move_begins_after_a_pause_that_came_while_it_was_being_enabled() -> 
         move = arm.move_jp([0.5] * COUNT)
         with pytest.raises(CommandRefused, match="enable is running"):
             engine.state_command("pause")
-        until(arm.is_enabled, "it is enabled")
+        eventually(arm.is_enabled, "it is enabled")
         cycles = device_of(arm).link.counters.cycles
-        until(lambda: device_of(arm).link.counters.cycles > cycles + 10, "a move would have begun")
+        eventually(
+            lambda: device_of(arm).link.counters.cycles > cycles + 10, "a move would have begun"
+        )
         assert not move.is_busy()
         assert stand(sim)
 
@@ -115,10 +116,10 @@ def test_no_move_begins_after_a_pause_that_came_while_it_was_being_enabled() -> 
 def test_close_in_motion_stops_before_the_drives_are_left(command: str, on_close: str) -> None:
     with drives(COUNT) as sim:
         with arm_of(arm_on(sim, COUNT, on_close=on_close)) as arm:
-            arm.enable(SOON)
+            arm.enable(LONG)
             if command == "move_jp":
                 arm.move_jp([2.0] * COUNT)
-            until(moves(sim, command, arm), "it moves")
+            eventually(moves(sim, command, arm), "it moves")
             closing = threading.Thread(target=arm.close)
             closing.start()
             while closing.is_alive():
@@ -126,7 +127,7 @@ def test_close_in_motion_stops_before_the_drives_are_left(command: str, on_close
                     assert drive["powered"] or abs(drive["velocity"]) < MOVING, "it coasts"
         holds = on_close == "hold"
         assert powered(sim) == [holds] * COUNT
-        until(lambda: stand(sim), "all stand")
+        eventually(lambda: stand(sim), "all stand")
         before = [drive["revolutions"] for drive in told(sim)]
         time.sleep(TIMEOUT + 0.2)  # longer than the drives wait for a heartbeat, an RPDO and a SYNC
         assert powered(sim) == [holds] * COUNT
@@ -137,8 +138,8 @@ def test_drives_that_were_left_holding_go_on_holding_when_they_are_found_again()
     with drives(COUNT) as sim:
         config = arm_on(sim, COUNT, on_close="hold")
         with arm_of(config) as arm:
-            arm.enable(SOON)
-            arm.move_jp([0.3] * COUNT).wait(SOON)
+            arm.enable(LONG)
+            arm.move_jp([0.3] * COUNT).wait(LONG)
         before = [drive["revolutions"] for drive in told(sim)]
         with arm_of(config) as arm:
             assert arm.operating_state().state == "DISABLED"
@@ -146,11 +147,11 @@ def test_drives_that_were_left_holding_go_on_holding_when_they_are_found_again()
             assert powered(sim) == [True] * COUNT
             after = [drive["revolutions"] for drive in told(sim)]
             np.testing.assert_allclose(after, before, atol=0.05)
-            arm.enable(SOON)
+            arm.enable(LONG)
             after = [drive["revolutions"] for drive in told(sim)]
             np.testing.assert_allclose(after, before, atol=0.05)
-            arm.move_jp([0.35] * COUNT).wait(SOON)
-            arm.disable(SOON)
+            arm.move_jp([0.35] * COUNT).wait(LONG)
+            arm.disable(LONG)
             assert powered(sim) == [False] * COUNT
 
 
@@ -158,16 +159,18 @@ def test_drives_that_are_found_in_motion_are_stopped_before_their_power_is_taken
     with drives(COUNT) as sim:
         call = sim.control.call
         with arm_of(arm_on(sim, COUNT)) as arm:
-            arm.enable(SOON)
+            arm.enable(LONG)
             for node in range(1, COUNT + 1):  # nothing stops them when we are gone
                 call("object", node=node, index=0x6007, value=0)
                 call("object", node=node, index=0x1029, sub=1, value=1)
                 call("object", node=node, index=0x2010, sub=1, value=0)
             with going_on(sim, "servo_jv", arm):
                 fast = 20 * MOVING  # so that they move, whatever counts as that
-                until(lambda: min(drive["velocity"] for drive in told(sim)) > fast, "it is fast")
+                eventually(
+                    lambda: min(drive["velocity"] for drive in told(sim)) > fast, "it is fast"
+                )
                 in_its_thread(arm, lambda: device_of(arm).link.link.close())
-            until(lambda: "had power" in arm.operating_state().detail, "it says so")
+            eventually(lambda: "had power" in arm.operating_state().detail, "it says so")
             assert "joint_1 (node 1) had power and moved" in arm.operating_state().detail
         assert powered(sim) == [False] * COUNT
 
@@ -179,16 +182,16 @@ HOMED = {"homing": {"method": 24, "speed_switch": 0.3, "speed_zero": 0.1, "requi
 
 def test_a_stop_in_homing_halts_it_and_is_confirmed_when_the_joints_stand() -> None:
     with drives(1) as sim, arm_of(arm_on(sim, 1, {**HOMED, "gear": 10.0})) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         arm.state_command("home", 0.0)
-        until(lambda: abs(told(sim)[0]["velocity"]) > MOVING, "it homes")
+        eventually(lambda: abs(told(sim)[0]["velocity"]) > MOVING, "it homes")
         device = device_of(arm)
         in_its_thread(arm, device.stop)
-        until(lambda: device.has_stopped, "it is confirmed")
+        eventually(lambda: device.has_stopped, "it is confirmed")
         assert abs(told(sim)[0]["velocity"]) < MOVING
-        until(lambda: stand(sim), "it stands")
+        eventually(lambda: stand(sim), "it stands")
         assert not arm.is_homed()
-        until(lambda: arm.operating_state().state == "FAULT", "homing has failed")
+        eventually(lambda: arm.operating_state().state == "FAULT", "homing has failed")
         assert "stopped" in arm.operating_state().detail
 
 
@@ -206,16 +209,16 @@ def test_a_drive_that_gets_no_pdos_any_more_is_stopped_by_another_way(
             for sub in range(4):
                 sim.control.inject("sdo_abort", node=2, index=0x1400 + sub, sub=5, code=0x06090011)
         with arm_of(arm_on(sim, COUNT, {"following_error": 0.2})) as arm:
-            arm.enable(SOON)
+            arm.enable(LONG)
             if command == "move_jp":
                 arm.move_jp([2.0] * COUNT)
-            until(moves(sim, command, arm), "it moves")
+            eventually(moves(sim, command, arm), "it moves")
             sim.control.inject("drop", id=0x202)
             sim.control.inject("drop", id=0x302)
             if not watches and command != "move_jp":
                 with suppress(CommandRefused):
                     arm.hold()
-            until(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
+            eventually(lambda: arm.operating_state().state == "FAULT", "it is in FAULT")
             reasons = [
                 "joint_2 does not follow",
                 "joint_2 (node 2) moves although it was told to stop",
@@ -226,7 +229,7 @@ def test_a_drive_that_gets_no_pdos_any_more_is_stopped_by_another_way(
                 else ["joint_2 (node 2): it still shows"]
             )
             assert any(reason in arm.operating_state().detail for reason in reasons)
-            until(lambda: device_of(arm).has_stopped and stand(sim), "all stand")
+            eventually(lambda: device_of(arm).has_stopped and stand(sim), "all stand")
             sim.control.clear("drop")
             before = [drive["revolutions"] for drive in told(sim)]
             time.sleep(20 * PERIOD)
@@ -243,9 +246,9 @@ def test_a_drive_that_is_not_heard_does_not_jump_back_to_where_it_was_heard_last
 ) -> None:
     """Its own mode for positions would take it there; the fault comes later than the stop here."""
     with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, missed_cycles=40)) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         sending = moves(sim, command, arm)
-        until(sending, "it moves")
+        eventually(sending, "it moves")
         sim.control.inject("no_tpdo", node=1)
         farthest = -np.inf
 
@@ -260,15 +263,15 @@ def test_a_drive_that_is_not_heard_does_not_jump_back_to_where_it_was_heard_last
             assert here > farthest - 0.1, "it goes back"
             return not arm.is_enabled() and stand(sim)
 
-        until(stands, "it is in FAULT, and all stand")
+        eventually(stands, "it is in FAULT, and all stand")
         sim.control.clear()
-        until(lambda: device_of(arm).has_stopped, "it is read back")
+        eventually(lambda: device_of(arm).has_stopped, "it is read back")
 
 
 def test_torques_end_with_the_first_sync_after_a_stop() -> None:
     with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT)) as arm:
-        arm.enable(SOON)
-        until(moves(sim, "servo_jf", arm), "it moves")
+        arm.enable(LONG)
+        eventually(moves(sim, "servo_jf", arm), "it moves")
         device = device_of(arm)
         sent: list[list[int]] = []
 
@@ -295,23 +298,23 @@ def test_a_stuck_io_thread_does_not_keep_the_drives_from_being_stopped(
             wait_for_sync(sim, node, 0.0)
         go_on = threading.Event()
         with arm_of(arm_on(sim, COUNT, **keys)) as arm:
-            arm.enable(SOON)
+            arm.enable(LONG)
             if command == "move_jp":
                 arm.move_jp([2.0] * COUNT)
-            until(moves(sim, command, arm), "it moves")
-            arm.engine.on_sample = lambda: go_on.wait(SOON)
-            until(lambda: arm.operating_state().state == "FAULT", "the watchdog has seen it")
-            until(lambda: stand(sim), "all stand")
+            eventually(moves(sim, command, arm), "it moves")
+            arm.engine.on_sample = lambda: go_on.wait(LONG)
+            eventually(lambda: arm.operating_state().state == "FAULT", "the watchdog has seen it")
+            eventually(lambda: stand(sim), "all stand")
             assert not go_on.is_set()
             before = [drive["revolutions"] for drive in told(sim)]
             arm.engine.on_sample = None
             go_on.set()
             samples = arm.engine.health().samples
-            until(lambda: arm.engine.health().samples > samples + 20, "it goes on")
+            eventually(lambda: arm.engine.health().samples > samples + 20, "it goes on")
             after = [drive["revolutions"] for drive in told(sim)]
             np.testing.assert_allclose(after, before, atol=0.05)
             assert powered(sim) == [False] * COUNT
-            arm.enable(SOON)
+            arm.enable(LONG)
 
 
 @pytest.mark.parametrize("on_close", ["hold", "power_off"])
@@ -319,19 +322,21 @@ def test_close_with_a_silent_drive_says_so_in_time_and_leaves_the_watch_armed(
     on_close: str,
 ) -> None:
     with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT, on_close=on_close)) as arm:
-        arm.enable(SOON)
-        until(moves(sim, "servo_jv", arm), "it moves")
+        arm.enable(LONG)
+        eventually(moves(sim, "servo_jv", arm), "it moves")
         sim.control.inject("silent", node=2)
         with pytest.raises(StopUnconfirmed):
             arm.close()
-        until(lambda: stand(sim) and powered(sim) == [False] * COUNT, "they stop by themselves")
+        eventually(
+            lambda: stand(sim) and powered(sim) == [False] * COUNT, "they stop by themselves"
+        )
 
 
 def test_close_says_why_a_stop_cannot_be_seen() -> None:
     with drives(COUNT) as sim, arm_of(arm_on(sim, COUNT)) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         sim.control.inject("reset", node=2)
-        until(lambda: arm.operating_state().state == "FAULT", "it is told")
+        eventually(lambda: arm.operating_state().state == "FAULT", "it is told")
         with pytest.raises(StopUnconfirmed, match="node 2 has started anew"):
             arm.close()
-        until(lambda: stand(sim) and powered(sim) == [False] * COUNT, "they have no power")
+        eventually(lambda: stand(sim) and powered(sim) == [False] * COUNT, "they have no power")

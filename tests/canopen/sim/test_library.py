@@ -13,7 +13,7 @@ from canopen.sdo import SdoAbortedError
 from crtk_sim_backends.canopen.drive import Drive, DriveConfig, eds_of
 from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.plant import MotorConfig
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 NODE = 3
 
@@ -79,13 +79,6 @@ def node(network, adapter):
     return remote
 
 
-def until(condition):
-    deadline = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.002)
-
-
 def test_expedited_by_name(node):
     node.sdo["Producer heartbeat time"].raw = 0
     node.sdo["Home offset"].raw = -123456
@@ -138,15 +131,15 @@ def test_network_management_and_heartbeat(node):
     node.sdo[0x1017].raw = 20
     for state in ("OPERATIONAL", "STOPPED", "PRE-OPERATIONAL"):
         node.nmt.state = state
-        until(lambda state=state: node.nmt.wait_for_heartbeat(LONG) == state)
+        eventually(lambda state=state: node.nmt.wait_for_heartbeat(LONG) == state)
 
 
 def test_reset_boots(node):
     states: list[int] = []
     node.nmt.add_heartbeat_callback(states.append)
     node.nmt.state = "RESET"
-    until(lambda: 0 in states)
-    until(lambda: node.nmt.state in ("PRE-OPERATIONAL", "INITIALISING"))
+    eventually(lambda: 0 in states)
+    eventually(lambda: node.nmt.state in ("PRE-OPERATIONAL", "INITIALISING"))
     assert node.sdo[0x1017].raw == 0
 
 
@@ -154,13 +147,13 @@ def test_emergency(node, adapter):
     with adapter.lock:
         adapter.drive.axes[0].fault(0x2310, b"\1\2\3\4\5")
         adapter.drive.next_timer = 0.0
-    until(lambda: node.emcy.log)
+    eventually(lambda: node.emcy.log)
     (emergency,) = node.emcy.log
     assert emergency.code == 0x2310
     assert (emergency.register, emergency.data) == (3, b"\1\2\3\4\5")
     assert node.sdo[0x1003][1].raw == 0x02012310
     node.sdo[0x6040].raw = 0x80
-    until(lambda: len(node.emcy.active) == 0)
+    eventually(lambda: len(node.emcy.active) == 0)
 
 
 def configure(node, kind=1):
@@ -213,11 +206,11 @@ def test_drive_turns_with_synchronous_pdos(node, network):
     position = cycle(0, 0)[1]
     for controlword, mask, value in ((6, 0x6F, 0x21), (7, 0x6F, 0x23), (15, 0x6F, 0x27)):
         cycle(controlword, position)
-        until(lambda c=controlword, m=mask, v=value: cycle(c, position)[0] & m == v)
+        eventually(lambda c=controlword, m=mask, v=value: cycle(c, position)[0] & m == v)
     for target in range(0, 20_000, 100):
         cycle(15, target)
         time.sleep(0.002)
-    until(lambda: abs(cycle(15, 20_000)[1] - 20_000) < 50)
+    eventually(lambda: abs(cycle(15, 20_000)[1] - 20_000) < 50)
     assert cycle(15, 20_000)[0] & 0x106F == 0x1027
 
 

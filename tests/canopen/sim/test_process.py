@@ -15,7 +15,7 @@ from crtk_sim_backends.canopen.drive import Drive, DriveConfig, eds_of
 from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.injection import ERRORS, KINDS
 from crtk_sim_backends.control import ControlError
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 pytestmark = pytest.mark.usefixtures("cold_start")
 
@@ -58,21 +58,14 @@ def master(sim):
         bus.send(can.Message(arbitration_id=0, data=(0x81, node), is_extended_id=False))
     raw = Master(bus)
     for node in (1, 2):
-        until(lambda node=node: raw.sdo(node, "4000100000000000", 0.1) is not None)
+        eventually(lambda node=node: raw.sdo(node, "4000100000000000", 0.1) is not None)
         raw.send(0x600 + node, "4018100400000000")
-        until(
+        eventually(
             lambda node=node: raw.wait(0x580 + node)[:4] == bytes.fromhex("43181004")
         )  # the last one
     yield raw
     sim.control.clear()
     bus.shutdown()
-
-
-def until(condition):
-    deadline = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.002)
 
 
 def axis(sim, node, number=0):
@@ -92,7 +85,7 @@ def test_sync_is_acted_on_without_another_frame(sim, master):
     master.send(0x201, "06 00")
     master.send(0x80)
     assert master.wait(0x181) == b"\x50\x02"
-    until(lambda: axis(sim, 1)["controlword"] == 6)
+    eventually(lambda: axis(sim, 1)["controlword"] == 6)
     assert axis(sim, 1)["statusword"] == 0x231
 
 
@@ -263,7 +256,7 @@ def test_bus_off_stops_the_drive_as_6007_says(sim, master):
     master.sdo(1, "2b07600002000000")
     enable(master, 1)
     sim.control.inject("bus_off", node="drive-1")
-    until(lambda: axis(sim, 1)["state"] == "switch_on_disabled")
+    eventually(lambda: axis(sim, 1)["state"] == "switch_on_disabled")
     assert master.sdo(1, "4000100000000000", 0.1) is None
     sim.control.clear("bus_off")
     assert struct.unpack_from("<H", master.wait(0x81))[0] == 0x8140

@@ -10,7 +10,8 @@ import pytest
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import JointState, Stamp
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import JOINT, SOON, arm_of, drives, patient_arm_on, until
+from rigs.canopen_arm import JOINT, arm_of, drives, patient_arm_on
+from rigs.waiting import LONG, eventually
 
 GEAR = JOINT["gear"]
 DEFECTS = (
@@ -41,15 +42,15 @@ def shared(sim: RunningSim) -> Iterator[LocalDevice]:
 
 @pytest.fixture
 def arm(shared: LocalDevice) -> LocalDevice:
-    until(lambda: shared.engine.connected, "it is connected")
-    shared.enable(timeout=SOON)
+    eventually(lambda: shared.engine.connected, "it is connected")
+    shared.enable(timeout=LONG)
     return shared
 
 
 def sample(arm: LocalDevice) -> tuple[JointState, Stamp]:
     """Return the next joint state that is measured, and its stamp."""
     before = arm.health().samples
-    until(lambda: arm.health().samples > before, "a sample")
+    eventually(lambda: arm.health().samples > before, "a sample")
     found = arm.engine.feedback("measured_js")
     assert found is not None
     assert isinstance(found[0], JointState)
@@ -75,7 +76,7 @@ def go(arm: Any, joints: list[int], positions: Any) -> list[tuple[JointState, St
 
     arm.engine.on_sample = keep  # in its thread: a test that is held up misses none
     try:
-        assert arm.move_jp(goal).wait(SOON)
+        assert arm.move_jp(goal).wait(LONG)
         there = len(found) + STANDS
 
         def stands() -> bool:
@@ -84,7 +85,7 @@ def go(arm: Any, joints: list[int], positions: Any) -> list[tuple[JointState, St
                 (abs(s.velocity[joints]) <= 0.01).all() for s, _ in last
             )
 
-        until(stands, "it stands")
+        eventually(stands, "it stands")
     finally:
         arm.engine.on_sample = None
     return found
@@ -139,8 +140,8 @@ def test_a_joint_rests_beside_its_setpoint(arm: LocalDevice) -> None:
 
 def test_a_joint_falls_when_power_goes(arm: LocalDevice) -> None:
     before = mean_of(arm)
-    arm.disable(timeout=SOON)
+    arm.disable(timeout=LONG)
     fallen = mean_of(arm) - before
-    arm.enable(timeout=SOON)
+    arm.enable(timeout=LONG)
     assert fallen[SAGGING] == pytest.approx(-3.0 / GEAR, abs=5e-3)
     assert abs(fallen[SOUND]) < 5e-3

@@ -22,7 +22,8 @@ from crtk_drivers.errors import CrtkError
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import SOON, arm_of, device_of, drives, patient_arm_on, start_anew, until
+from rigs.canopen_arm import arm_of, device_of, drives, patient_arm_on, start_anew
+from rigs.waiting import LONG, eventually
 
 TURN = 2.0 * np.pi
 JOINT: dict[str, Any] = {
@@ -58,7 +59,7 @@ def library(sim: RunningSim) -> Iterator[Any]:
     network.connect(interface="crtk", channel=sim.paths["crtk"])
     try:
         drive = network.add_node(1, sim.paths["eds"])
-        drive.sdo.RESPONSE_TIMEOUT = SOON
+        drive.sdo.RESPONSE_TIMEOUT = LONG
         yield drive
     finally:
         network.disconnect()
@@ -84,7 +85,7 @@ def refused(sim: RunningSim, words: str, **keys: Any) -> None:
     robot = LocalDevice(Session(PLUGIN, patient_arm_on(sim, 0, joints={"a": joint(1, **keys)})))
     try:
         robot._session.start()
-        until(lambda: words in robot.operating_state().detail, words)
+        eventually(lambda: words in robot.operating_state().detail, words)
         assert not robot.engine.connected
     finally:
         robot.close()
@@ -104,10 +105,10 @@ def test_coarse_velocities_are_told(sim: RunningSim) -> None:
 def test_it_moves_in_cyclic_modes_that_6502h_does_not_name(sim: RunningSim) -> None:
     assert sim.control.call("object", node=1, index=0x6502) == 0x225
     with arm(sim) as robot:
-        robot.enable(SOON)
+        robot.enable(LONG)
         start = robot.measured_js().position
-        robot.move_jp(start + 0.1).wait(SOON)
-        until(lambda: np.abs(robot.measured_js().position - start - 0.1).max() < 2e-3, "there")
+        robot.move_jp(start + 0.1).wait(LONG)
+        eventually(lambda: np.abs(robot.measured_js().position - start - 0.1).max() < 2e-3, "there")
         assert turned(sim) == pytest.approx(robot.measured_js().position, abs=2e-3)
 
         def is_as_asked() -> bool:
@@ -116,7 +117,7 @@ def test_it_moves_in_cyclic_modes_that_6502h_does_not_name(sim: RunningSim) -> N
             return bool(np.abs(told - 0.3).max() < 0.05)
 
         for _ in range(10):
-            until(is_as_asked, "it is as fast as asked")
+            eventually(is_as_asked, "it is as fast as asked")
 
 
 def test_units_are_those_of_the_drive(sim: RunningSim) -> None:
@@ -142,32 +143,32 @@ def test_another_encoder_is_read(sim: RunningSim) -> None:
 def test_home_is_where_30b0h_says(sim: RunningSim) -> None:
     homing = {"method": 37, "position": 0.5, "required": True}
     with arm(sim, homing=homing) as robot:
-        robot.enable(SOON)
+        robot.enable(LONG)
         assert not robot.is_homed()
-        robot.home(SOON)
-        until(lambda: robot.is_homed(), "it is homed")
-        until(lambda: np.abs(robot.measured_js().position - 0.5).max() < 1e-2, "it is there")
+        robot.home(LONG)
+        eventually(lambda: robot.is_homed(), "it is homed")
+        eventually(lambda: np.abs(robot.measured_js().position - 0.5).max() < 1e-2, "it is there")
         counts = round(0.5 * 50 * 2000 / TURN)
         assert sim.control.call("object", node=1, index=0x30B0) == counts
 
 
 def test_a_lost_sensor_takes_the_home_away(sim: RunningSim) -> None:
     with arm(sim, homing={"method": 37, "required": True}) as robot:
-        robot.enable(SOON)
-        robot.home(SOON)
-        until(lambda: robot.is_homed(), "it is homed")
+        robot.enable(LONG)
+        robot.home(LONG)
+        eventually(lambda: robot.is_homed(), "it is homed")
         sim.control.inject("fault", node=2, error="encoder")
-        until(lambda: "position sensor breach" in robot.operating_state().detail, "it is told")
-        until(lambda: not robot.is_homed(), "its home is lost")
+        eventually(lambda: "position sensor breach" in robot.operating_state().detail, "it is told")
+        eventually(lambda: not robot.is_homed(), "its home is lost")
 
 
 def test_safe_torque_off_is_told_by_its_own_error(sim: RunningSim) -> None:
     with arm(sim) as robot:
         sim.control.inject("safe_torque_off", node=1)
         with pytest.raises(CrtkError, match="safe torque off is active"):
-            robot.enable(SOON)
+            robot.enable(LONG)
         sim.control.clear()
-        robot.enable(SOON)
+        robot.enable(LONG)
 
 
 def test_without_the_profile_it_is_refused_with_what_to_give(sim: RunningSim) -> None:
@@ -186,7 +187,7 @@ def test_another_product_of_the_maker_is_noted_and_can_be_named(sim: RunningSim)
         notes = " ".join(note.text for note in robot.health().notes)
         assert "give `profile: epos4` if it is one of these" in notes
     with arm_of(patient_arm_on(sim, 0, joints={"a": joint(1, profile="epos4")})) as robot:
-        robot.enable(SOON)
+        robot.enable(LONG)
     sim.control.clear()
 
 

@@ -11,7 +11,8 @@ from crtk_driver_canopen import PLUGIN
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import JOINT, SOON, arm_of, drives, patient_arm_on, until
+from rigs.canopen_arm import JOINT, arm_of, drives, patient_arm_on
+from rigs.waiting import LONG, eventually
 
 RPDO_5, TPDO_5, TPDO_6 = 0x1404, 0x1804, 0x1805
 
@@ -26,10 +27,10 @@ def axes_of_one_node(**last: Any) -> dict[str, Any]:
 def moves(sim: RunningSim, **last: Any) -> None:
     config = patient_arm_on(sim, 1, joints=axes_of_one_node(**last))
     with arm_of(config) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         goal = arm.setpoint_js().position + np.array((0.02, 0.03, 0.04))
-        arm.move_jp(goal).wait(SOON)
-        until(lambda: abs(arm.measured_js().position - goal).max() < 1e-3, "it is there")
+        arm.move_jp(goal).wait(LONG)
+        eventually(lambda: abs(arm.measured_js().position - goal).max() < 1e-3, "it is there")
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +69,7 @@ def test_cob_ids_of_a_drive_that_cannot_be_used_are_refused_with_the_reason(
     arm = LocalDevice(Session(PLUGIN, config))
     try:
         arm._session.start()
-        until(lambda: message in arm.operating_state().detail, message)
+        eventually(lambda: message in arm.operating_state().detail, message)
         assert not arm.engine.connected
     finally:
         arm.close()

@@ -18,7 +18,7 @@ from crtk_driver_canopen.frames import ERROR, EXTENDED, REMOTE, Frame, pack, unp
 from crtk_driver_canopen.ports import HubPort, MessagePort, Port, SocketPort, port_of
 from crtk_sim_backends.can import SIM
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import SOON, until
+from rigs.waiting import LONG, eventually
 
 FRAMES = (
     Frame(0x000, b"\x01\x05"),
@@ -35,7 +35,7 @@ def message(frame: Frame, **more: Any) -> can.Message:
 def received(port: Port, count: int) -> list[Frame]:
     """The next frames, without the times that not every port knows."""
     found: list[Frame] = []
-    end = time.monotonic() + SOON
+    end = time.monotonic() + LONG
     while len(found) < count:
         assert time.monotonic() < end, found
         found += port.receive(0.2)
@@ -91,7 +91,7 @@ def test_frames_are_sent_as_they_are(port: Port, sim: RunningSim, stack: ExitSta
     peer = at_hub(sim, stack)
     assert port.send(FRAMES) == len(FRAMES)
     for frame in FRAMES:
-        assert (got := peer.recv(SOON)) is not None
+        assert (got := peer.recv(LONG)) is not None
         assert got.equals(message(frame), timestamp_delta=None, check_channel=False)
     assert peer.recv(0.02) is None
 
@@ -129,7 +129,7 @@ def test_what_is_there_is_received_without_waiting(
         found.extend(port.receive(0.0))
         return bool(found)
 
-    until(receive, "it has been received")
+    eventually(receive, "it has been received")
     assert found[0].data == FRAMES[2].data
 
 
@@ -153,10 +153,10 @@ def test_a_full_queue_takes_the_first_ones(kind: Any, stack: ExitStack) -> None:
         many = 500  # more than are on their way while a sender gets no time for a while
         count = port.send([Frame(0x100 + n, bytes(8)) for n in range(many)])
         assert 4 <= count < many
-        got = [peer.recv(SOON) for _ in range(count)]
+        got = [peer.recv(LONG) for _ in range(count)]
         assert [each.arbitration_id for each in got if each] == [0x100 + n for n in range(count)]
         assert peer.recv(0.05) is None, "what did not find room was sent after all"
-        until(lambda: port.send([FRAMES[0]]) == 1, "there is room again")
+        eventually(lambda: port.send([FRAMES[0]]) == 1, "there is room again")
         stack.close()
 
 
@@ -172,7 +172,7 @@ def test_an_interface_that_is_off_the_bus_or_down(
     received(port, 1)  # it tells that it is back
     sim.control.inject("down", node="arm")
     try:
-        for use in (lambda: port.receive(SOON), lambda: port.send(FRAMES)):
+        for use in (lambda: port.receive(LONG), lambda: port.send(FRAMES)):
             with pytest.raises(can.CanOperationError) as caught:
                 use()
             assert caught.value.error_code == errno.ENETDOWN
@@ -185,7 +185,7 @@ def test_a_hub_that_has_ended(kind: Any, stack: ExitStack) -> None:
     with SIM.spawn() as short:
         port = kind(at_hub(short, stack))
     with pytest.raises(can.CanOperationError) as caught:
-        port.receive(SOON)
+        port.receive(LONG)
     assert condition_of_error(caught.value) is Condition.GONE
     with pytest.raises(can.CanOperationError) as caught:
         port.send(FRAMES)
@@ -204,7 +204,7 @@ def sockets(stack: ExitStack) -> tuple[socket.socket, socket.socket]:
         one.bind(("127.0.0.1", 0))
     for one, other in itertools.permutations((near, far)):
         one.connect(other.getsockname())
-    far.settimeout(SOON)
+    far.settimeout(LONG)
     return near, far
 
 
@@ -226,7 +226,7 @@ def test_a_socket_receives_with_the_time_of_the_kernel(
     far.send(pack(FRAMES[2]))
     far.send(pack(FRAMES[3]))
     after = time.time()
-    for timeout, expected in ((SOON, FRAMES[2]), (0.0, FRAMES[3])):
+    for timeout, expected in ((LONG, FRAMES[2]), (0.0, FRAMES[3])):
         (frame,) = port.receive(timeout)
         assert frame._replace(time=0.0) == expected
         assert before <= frame.time <= after
@@ -237,7 +237,7 @@ def test_a_socket_without_room_takes_no_more() -> None:
     with closing(near), closing(far):
         count = SocketPort(near).send(FRAMES * 10_000)
         assert 0 < count < len(FRAMES) * 10_000
-        far.settimeout(SOON)
+        far.settimeout(LONG)
         for number in range(count):
             assert unpack(far.recv(100)) == FRAMES[number % len(FRAMES)]
 

@@ -11,7 +11,8 @@ import pytest
 
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import SOON, arm_of, drives, patient_arm_on, until
+from rigs.canopen_arm import arm_of, drives, patient_arm_on
+from rigs.waiting import LONG, eventually
 
 SHEETS = Path(__file__).parents[2] / "data" / "eds"
 TURN = 2.0 * np.pi
@@ -50,10 +51,10 @@ def turned(sim: RunningSim, node: int) -> float:
 
 
 def moves(sim: RunningSim, arm: LocalDevice, nodes: tuple[int, ...]) -> None:
-    arm.enable(SOON)
+    arm.enable(LONG)
     goal = arm.measured_js().position + 0.1
-    arm.move_jp(goal).wait(SOON)
-    until(lambda: np.abs(arm.measured_js().position - goal).max() < 2e-3, "it is there")
+    arm.move_jp(goal).wait(LONG)
+    eventually(lambda: np.abs(arm.measured_js().position - goal).max() < 2e-3, "it is there")
     for node, position in zip(nodes, arm.measured_js().position, strict=True):
         assert turned(sim, node) == pytest.approx(position, abs=2e-3)
 
@@ -71,9 +72,9 @@ def test_drives_with_cyclic_modes_move_by_positions_and_velocities(sim: RunningS
             arm.servo_jv([0.3, 0.3])
             return bool((arm.measured_js().position - start > 0.05).all())
 
-        until(is_on_its_way, "it moves by velocities")
-        until(lambda: arm.engine.is_at_rest, "the stream ends, and none waits")
-        until(lambda: np.abs(arm.measured_js().velocity).max() < 1e-2, "it stands")
+        eventually(is_on_its_way, "it moves by velocities")
+        eventually(lambda: arm.engine.is_at_rest, "the stream ends, and none waits")
+        eventually(lambda: np.abs(arm.measured_js().velocity).max() < 1e-2, "it stands")
         moved = arm.measured_js().position - start
         assert ((moved > 0.05) & (moved < 0.5)).all(), moved
         assert [turned(sim, 1), turned(sim, 2)] == pytest.approx(start + moved, abs=2e-3)

@@ -15,9 +15,9 @@ from crtk_driver_copley.stream import Point
 from crtk_drivers.errors import CommandRefused, CrtkError
 from crtk_drivers.front import LocalDevice
 from crtk_sim_backends.copley import RunningSim
-from rigs.axes_bench import SOON, STEP, fault, stands, streamed
+from rigs.axes_bench import STEP, fault, stands, streamed
 from rigs.copley_bench import ONE, PER_RADIAN, arm_at, drives, joints, moving, refused
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 PROFILE = {"tracking": "profile"}
 
@@ -60,7 +60,7 @@ def test_a_fault_in_motion_is_told(
         eventually(lambda: stands(sim), "it stands")
         sim.control.clear()
         eventually(lambda: arm.engine.connected, "it is connected")
-        arm.enable(SOON)
+        arm.enable(LONG)
         assert arm.operating_state().state == "ENABLED"
 
 
@@ -72,7 +72,7 @@ def test_a_blocked_axis_is_switched_off_by_its_drive(sim: RunningSim) -> None:
         assert not sim.control.status()["on"][0]
         assert sim.control.status()["latched"][0] == 1 << 9
         sim.control.clear()
-        arm.enable(SOON)
+        arm.enable(LONG)
         assert sim.control.status()["latched"][0] == 0
 
 
@@ -91,10 +91,10 @@ def test_a_limit_switch_stops_the_axis_and_it_can_be_moved_away(sim: RunningSim)
         assert sim.control.status()["position"][0] < 50_000
         eventually(lambda: arm.health().notes, "it is noted")
         assert any("positive limit switch" in note.text for note in arm.health().notes)
-        arm.enable(SOON)
+        arm.enable(LONG)
         goal = arm.measured_js().position.copy()
         goal[0] -= 0.5
-        arm.move_jp(goal).wait(SOON)
+        arm.move_jp(goal).wait(LONG)
         eventually(lambda: not any("limit" in n.text for n in arm.health().notes), "it is away")
 
 
@@ -102,7 +102,7 @@ def test_a_fault_that_cannot_be_cleared_is_told_by_enable(sim: RunningSim) -> No
     with arm_at(sim) as arm:
         sim.control.inject("latch", bit=11)
         with pytest.raises(CrtkError, match="could not be cleared: joint_1: FPGA failure"):
-            arm.enable(SOON)
+            arm.enable(LONG)
         assert not any(sim.control.status()["on"])
 
 
@@ -113,7 +113,7 @@ def test_latched_faults_are_cleared_by_enable_only(sim: RunningSim) -> None:
         seen = arm.health().samples
         eventually(lambda: arm.health().samples > seen + 10, "it is looked at")
         assert sim.control.status()["latched"][0] == 1 << 7
-        arm.enable(SOON)
+        arm.enable(LONG)
         assert sim.control.status()["latched"][0] == 0
 
 
@@ -123,26 +123,26 @@ def test_power_that_is_not_read_back_is_not_believed(sim: RunningSim) -> None:
         with pytest.raises(
             CrtkError, match=r"desired state \(0x24\) was set to 21: joint_1 tells 'v 0'"
         ):
-            arm.enable(SOON)
+            arm.enable(LONG)
         sim.control.clear()
-        arm.enable(SOON)
+        arm.enable(LONG)
         sim.control.inject("deaf", text="s r0x24")
         with pytest.raises(CrtkError, match=r"was set to 0: joint_1 tells 'v 21'"):
-            arm.disable(SOON)
+            arm.disable(LONG)
 
 
 @pytest.mark.slow
 def test_an_enable_input_that_is_off_is_told_by_enable(sim: RunningSim) -> None:
     sim.control.inject("input_off", node=2)
     with arm_at(sim) as arm, pytest.raises(CrtkError, match="joint_3: its enable input is off"):
-        arm.enable(SOON)
+        arm.enable(LONG)
 
 
 def test_a_drive_that_starts_anew_in_motion_comes_back_at_its_rate_and_disabled(
     sim: RunningSim,
 ) -> None:
     with moving(sim, joints=joints(homing={"method": "here"})) as arm:
-        arm.home(SOON)
+        arm.home(LONG)
         assert arm.is_homed()
         assert sim.control.status()["baud"] == 115200
         sim.control.inject("reset")
@@ -159,11 +159,11 @@ def test_home_is_remembered_by_drives_that_were_not_restarted(sim: RunningSim) -
     keys = joints(homing={"method": "here"})
     with arm_at(sim, joints=keys) as arm:
         assert not arm.is_homed()
-        arm.enable(SOON)
-        arm.home(SOON)
+        arm.enable(LONG)
+        arm.home(LONG)
     with arm_at(sim, joints=keys) as arm:
         assert arm.is_homed()
-        arm.unhome(SOON)
+        arm.unhome(LONG)
         assert not arm.is_homed()
 
 
@@ -171,12 +171,12 @@ def test_home_is_remembered_by_drives_that_were_not_restarted(sim: RunningSim) -
 def test_one_that_was_homed_before_and_does_not_begin_is_not_homed(sim: RunningSim) -> None:
     keys = joints(homing={"method": "switch_positive", "speed": 1.5, "slow": 0.5})
     with arm_at(sim, joints=keys) as arm:
-        arm.enable(SOON)
-        arm.home(SOON)
-        arm.unhome(SOON)  # the drives count as homed all the same
+        arm.enable(LONG)
+        arm.home(LONG)
+        arm.unhome(LONG)  # the drives count as homed all the same
         sim.control.inject("deaf", text="t 2")
         with pytest.raises(CrtkError, match="was not homed: it did not begin"):
-            arm.home(SOON)
+            arm.home(LONG)
 
 
 @pytest.mark.slow
@@ -189,8 +189,8 @@ def test_homing_finds_what_it_looks_for(sim: RunningSim, method: str, place: int
     keys = {**joints(), "joint_1": {**ONE["joint_1"], "homing": homing, "offset": 0.5}}
     sim.control.call("place", counts=300)
     with arm_at(sim, joints=keys) as arm:
-        arm.enable(SOON)
-        arm.home(SOON)
+        arm.enable(LONG)
+        arm.home(LONG)
         assert arm.is_homed()
         assert sim.control.status()["position"][0] == pytest.approx(place, abs=50)
         eventually(lambda: abs(arm.measured_js().position[0] - 0.5) < 5e-3, "it counts from there")
@@ -204,8 +204,8 @@ def test_homing_leaves_it_where_it_was_homed(sim: RunningSim, place: int) -> Non
     homing = {"method": "limit_positive", "speed": 1.5, "slow": 0.5}
     sim.control.call("place", counts=place)
     with arm_at(sim, joints={"joint_1": {**ONE["joint_1"], "homing": homing}}) as arm:
-        arm.enable(SOON)
-        arm.home(SOON)
+        arm.enable(LONG)
+        arm.home(LONG)
         assert arm.setpoint_js().position[0] == pytest.approx(0.0, abs=0.01)
 
 
@@ -213,7 +213,7 @@ def test_a_drive_that_is_not_heard_any_more_is_told_to_stop(sim: RunningSim) -> 
     """It would home on by itself."""
     homing = {"method": "limit_positive", "speed": 0.2}
     with arm_at(sim, joints={"joint_1": {**ONE["joint_1"], "homing": homing}}) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         arm.engine.state_command("home")
         eventually(lambda: sim.control.status()["mode"][0] == "home", "it homes")
         sim.control.inject("mute", every=1)
@@ -226,9 +226,9 @@ def test_a_drive_that_is_not_heard_any_more_is_told_to_stop(sim: RunningSim) -> 
 def test_homing_that_meets_a_limit_switch_fails_with_the_reason() -> None:
     keys = {"joint_1": {**ONE["joint_1"], "homing": {"method": "switch_positive", "speed": 1.5}}}
     with drives(travel=3000, home_at=20_000, nodes=1) as short, arm_at(short, joints=keys) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         with pytest.raises(CrtkError, match=r"joint_1 was not homed: it tells a homing error"):
-            arm.home(SOON)
+            arm.home(LONG)
         assert not arm.is_homed()
 
 
@@ -236,13 +236,13 @@ def test_homing_that_meets_a_limit_switch_fails_with_the_reason() -> None:
 def test_a_stop_that_does_nothing_is_not_believed(sim: RunningSim) -> None:
     """The points run out, and it rests: but it was not the stop that did it, and it is told late."""
     with arm_at(sim, tracking="profile") as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         sim.control.inject("deaf", text="t 0")
         move = arm.move_jp(arm.measured_js().position + 2.0)
         eventually(lambda: arm.measured_js().velocity[0] > 0.1, "it moves")
         arm.hold()
         with pytest.raises(CrtkError):
-            move.wait(SOON)
+            move.wait(LONG)
         sim.control.clear()
         eventually(lambda: arm.engine.device.has_stopped, "it is read back when it is carried out")
 
@@ -266,11 +266,11 @@ def test_what_is_only_now_and_then_is_counted_and_lived_with(
 ) -> None:
     """A point whose answer does not come is looked for in the buffer, and sent once."""
     with arm_at(sim, reply_timeout=0.06, pvt_lead=12, pvt_period=0.05, joints=ONE) as arm:
-        arm.enable(SOON)
-        arm.move_jp(arm.measured_js().position + 0.05).wait(SOON)
+        arm.enable(LONG)
+        arm.move_jp(arm.measured_js().position + 0.05).wait(LONG)
         sim.control.inject(kind, **parameters)
         goal = arm.measured_js().position + 0.2
-        arm.move_jp(goal).wait(SOON)
+        arm.move_jp(goal).wait(LONG)
         assert arm.operating_state().state == "ENABLED"
         assert arm.health().device["doubted answers"] > 0
         eventually(lambda: np.abs(arm.measured_js().position - goal).max() < 2e-3, "it is there")
@@ -308,14 +308,14 @@ def test_one_line_that_is_lost_lets_no_axis_run_away(
 ) -> None:
     """When it begins, or in motion: it goes on as it should, or stands."""
     with arm_at(sim, reply_timeout=0.03, pvt_lead=8, joints=ONE) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         sent = points_of(arm)
         goal, begun, injected = arm.measured_js().position.copy(), time.monotonic(), False
         doubted = lambda: arm.health().device["doubted answers"] > 0  # noqa: E731
         while arm.operating_state().state == "ENABLED" and (
             time.monotonic() < begun + since + 0.8 or not doubted()
         ):
-            assert time.monotonic() < begun + SOON, "never: it is lost"
+            assert time.monotonic() < begun + LONG, "never: it is lost"
             if not injected and time.monotonic() > begun + since:
                 injected = True
                 sim.control.inject(kind, text=text)
@@ -353,7 +353,7 @@ def test_a_point_with_another_digit_is_ended_by_the_drive(sim: RunningSim) -> No
 def test_a_stream_begins_where_two_answers_say_that_it_stands(sim: RunningSim) -> None:
     sim.control.inject("wrong_answer", text="g r0x2d")
     with arm_at(sim, joints=ONE) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         goal = arm.measured_js().position.copy()
         seen = []
 
@@ -396,8 +396,8 @@ def test_an_adapter_that_is_pulled_out_is_found_again(sim: RunningSim) -> None:
 @pytest.mark.slow
 def test_an_echo_is_understood_and_told() -> None:
     with drives(echo=True, nodes=1) as sim, arm_at(sim, joints=ONE) as arm:
-        arm.enable(SOON)
-        arm.move_jp([0.1]).wait(SOON)
+        arm.enable(LONG)
+        arm.move_jp([0.1]).wait(LONG)
         assert arm.health().device["echoes"] > 10
         assert any(note.key == "echo" for note in arm.health().notes)
 
@@ -415,7 +415,7 @@ def test_one_that_opens_the_line_all_the_same_is_noticed_and_survived(sim: Runni
         return arm.health().device["doubted answers"] > 0 or arm.health().reconnects > 0
 
     with arm_at(sim, reply_timeout=0.03, joints=ONE) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         with serial.Serial(sim.ttys["serial"], 115200, timeout=0.0) as other:
             while not is_noticed():
                 other.write(b"g r0x32\r")
@@ -430,8 +430,8 @@ def test_firmware_without_points_is_refused_unless_by_profiles() -> None:
     with drives(firmware=0x0010, nodes=1) as sim:
         refused(sim, "it does not tell 0x115 (pvt): e 9 unknown parameter", joints=ONE)
         with arm_at(sim, joints=ONE, **PROFILE) as arm:
-            arm.enable(SOON)
-            arm.move_jp([0.1]).wait(SOON)
+            arm.enable(LONG)
+            arm.move_jp([0.1]).wait(LONG)
             assert any(note.text == "0.16" for note in arm.health().notes)
 
 
@@ -450,8 +450,8 @@ def test_through_a_server_nothing_is_said_of_the_rate(sim: RunningSim) -> None:
     try:
         arm._session.start()
         eventually(lambda: arm.engine.has_sample, "it is connected")
-        arm.enable(SOON)
-        arm.move_jp([0.1]).wait(SOON)
+        arm.enable(LONG)
+        arm.move_jp([0.1]).wait(LONG)
         assert sim.control.status()["baud"] == 9600
     finally:
         arm.close()
@@ -459,7 +459,7 @@ def test_through_a_server_nothing_is_said_of_the_rate(sim: RunningSim) -> None:
 
 def raw(sim: RunningSim, *commands: str) -> None:
     """Another program says something at 9600 bit/s, and all of it is taken."""
-    with serial.Serial(sim.ttys["serial"], 9600, timeout=SOON) as other:
+    with serial.Serial(sim.ttys["serial"], 9600, timeout=LONG) as other:
         for command in commands:
             other.write(f"{command}\r".encode())
             assert other.read_until(b"\r") == b"ok\r"
@@ -468,7 +468,7 @@ def raw(sim: RunningSim, *commands: str) -> None:
 def test_nothing_moves_by_enable_though_points_were_left(sim: RunningSim) -> None:
     raw(sim, "s r0xc8 3", "s r0x115 50 0 0", "s r0x115 50 5000 0", "s r0xca 9000")
     with arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         seen = arm.health().samples
         eventually(lambda: arm.health().samples > seen + 10, "it is looked at")
         assert abs(sim.control.status()["reference"][0]) < 1.0
@@ -482,14 +482,14 @@ def test_drives_that_were_only_looked_at_keep_their_power(sim: RunningSim) -> No
         assert arm.operating_state().detail == "joint_1 has power"
     assert sim.control.status()["on"][0]
     with arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
     eventually(lambda: not any(sim.control.status()["on"]), "what it switched on is off")
 
 
 @pytest.mark.slow
 def test_velocities_are_as_asked_and_end_with_their_stream(sim: RunningSim) -> None:
     with arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
 
         def is_as_asked() -> bool:
             arm.servo_jv([0.3, 0.0, 0.0])
@@ -504,9 +504,9 @@ def test_velocities_are_as_asked_and_end_with_their_stream(sim: RunningSim) -> N
 @pytest.mark.parametrize("tracking", ["pvt", "profile", "stop_go"])
 def test_each_way_of_tracking_arrives(sim: RunningSim, tracking: str) -> None:
     with arm_at(sim, tracking=tracking) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         goal = arm.measured_js().position + 0.1
-        arm.move_jp(goal).wait(SOON)
+        arm.move_jp(goal).wait(LONG)
         eventually(lambda: np.abs(arm.measured_js().position - goal).max() < 2e-3, "it is there")
         assert arm.operating_state().state == "ENABLED"
 
@@ -514,7 +514,7 @@ def test_each_way_of_tracking_arrives(sim: RunningSim, tracking: str) -> None:
 @pytest.mark.slow
 def test_efforts_are_those_of_the_current(sim: RunningSim) -> None:
     with arm_at(sim, joints=joints(torque_per_ampere=0.5)) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         move = arm.move_jp(arm.measured_js().position + 0.5)
         eventually(lambda: arm.measured_js().effort[0] > 0.0, "it pushes")
-        move.wait(SOON)
+        move.wait(LONG)

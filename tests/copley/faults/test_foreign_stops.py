@@ -7,15 +7,14 @@ import contextlib
 import pytest
 
 from crtk_drivers.errors import CommandRefused
-from rigs.axes_bench import SOON
 from rigs.copley_bench import ONE, arm_at, drives
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 
 @pytest.mark.parametrize("tracking", ["profile", pytest.param("stop_go", marks=pytest.mark.slow)])
 def test_by_profiles_it_is_a_fault_though_the_axis_rests(tracking: str) -> None:
     with drives(travel=45_000) as sim, arm_at(sim, tracking=tracking, joints=ONE) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         goal = arm.setpoint_js().position.copy() + 0.02
 
         def streams() -> None:

@@ -24,7 +24,7 @@ from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import JointState, Sample, vector
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 S = OperatingState
 
@@ -66,13 +66,6 @@ class Misbehaving(LoopbackDevice):
         super().stop()
 
 
-def until(test: Callable[[], object], timeout: float = LONG) -> None:
-    deadline = time.monotonic() + timeout
-    while not test():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.001)
-
-
 @contextmanager
 def running(*devices: Misbehaving, open_timeout: float = 1.0) -> Iterator[list[Engine]]:
     engines = [Engine(device, f"engine {i}") for i, device in enumerate(devices)]
@@ -87,9 +80,9 @@ def running(*devices: Misbehaving, open_timeout: float = 1.0) -> Iterator[list[E
 
 
 def enable(engine: Engine) -> None:
-    until(lambda: engine.connected and engine.has_sample)
+    eventually(lambda: engine.connected and engine.has_sample)
     engine.state_command("enable")
-    until(lambda: engine.status.state is S.ENABLED)
+    eventually(lambda: engine.status.state is S.ENABLED)
 
 
 def raising(error: BaseException) -> Callable[[], None]:
@@ -113,7 +106,7 @@ def test_a_device_is_cycled_at_its_rate_and_closed_at_the_end() -> None:
     device = Misbehaving(rate=200.0)
     with running(device) as (engine,):
         enable(engine)
-        until(lambda: engine.health().cycles > 100)
+        eventually(lambda: engine.health().cycles > 100)
         assert engine.health().rate_expected == 200.0
     assert (device.opened, device.closed) == (1, 1)
     assert device.stopped == 1
@@ -128,7 +121,7 @@ def test_nothing_runs_before_start_and_close_may_be_called_twice() -> None:
     runtime.close()
     assert (threading.active_count(), device.opened, device.closed) == (before, 0, 0)
     runtime.start()
-    until(lambda: device.opened)
+    eventually(lambda: device.opened)
     runtime.close()
     runtime.close()
     assert device.closed == 1
@@ -139,15 +132,15 @@ def test_a_lost_device_is_opened_again_and_stays_disabled() -> None:
     with running(device) as (engine,):
         enable(engine)
         engine.submit("servo_jp", JointState(position=vector([0.005] * 4)))
-        until(lambda: device.writes)
+        eventually(lambda: device.writes)
         device.reachable = False
-        until(lambda: engine.status.state is S.FAULT)
+        eventually(lambda: engine.status.state is S.FAULT)
         assert "the link is gone" in engine.status.detail
         writes = device.writes
         device.reachable = True
-        until(lambda: engine.connected and engine.has_sample)
+        eventually(lambda: engine.connected and engine.has_sample)
         cycles = engine.health().cycles
-        until(lambda: engine.health().cycles > cycles + 20)
+        eventually(lambda: engine.health().cycles > cycles + 20)
         assert engine.status.state is S.DISABLED
         assert device.writes == writes
         assert engine.health().reconnects == 1
@@ -166,7 +159,7 @@ def test_attempts_to_connect_become_rarer() -> None:
     attempts: list[float] = []
     device.in_open = lambda: attempts.append(time.monotonic())
     with running(device) as (engine,):
-        until(lambda: len(attempts) >= 3)
+        eventually(lambda: len(attempts) >= 3)
         assert engine.status.state is S.FAULT
         assert "no answer" in engine.status.detail
     assert attempts[1] - attempts[0] >= 0.25
@@ -190,14 +183,14 @@ def test_attempts_become_rarer_where_the_link_opens_and_brings_nothing(
     device.in_open = lambda: attempts.append(time.monotonic())
     device.in_read = raising(ConnectionLost("nothing but noise"))
     with running(device) as (engine,):
-        until(lambda: len(delays) >= 3)
+        eventually(lambda: len(delays) >= 3)
         assert attempts[2] - attempts[1] >= 0.5
         device.in_read = lambda: None
-        until(lambda: engine.has_sample)
+        eventually(lambda: engine.has_sample)
         assert delays[:3] == [0.25, 0.5, 1.0]
         count = len(attempts)
         device.in_read = once(ConnectionLost("once"))
-        until(lambda: len(attempts) > count)
+        eventually(lambda: len(attempts) > count)
     assert delays[-1] == 0.25, "a sample is a new beginning"
 
 
@@ -208,7 +201,7 @@ def test_no_exception_of_a_plugin_ends_the_thread(where: str, error: Exception) 
     states: list[str] = []
     setattr(device, where, once(error))
     with running(device) as (engine,):
-        until(lambda: device.opened == 2 and engine.has_sample)
+        eventually(lambda: device.opened == 2 and engine.has_sample)
         states.append(engine.status.state)
         enable(engine)
     assert states == [S.DISABLED]
@@ -219,7 +212,7 @@ def test_an_unexpected_error_is_a_fault_that_names_it(caplog: pytest.LogCaptureF
     with running(device) as (engine,):
         enable(engine)
         device.in_read = raising(KeyError("joint_7"))
-        until(lambda: engine.status.state is S.FAULT)
+        eventually(lambda: engine.status.state is S.FAULT)
         assert "unexpected KeyError: 'joint_7'" in engine.status.detail
         assert "report" in engine.status.detail
     assert "unexpected error in the I/O thread" in caplog.text
@@ -232,7 +225,7 @@ def test_errors_while_closing_and_stopping_do_not_stop_the_thread_either() -> No
     with running(device) as (engine,):
         enable(engine)
         device.in_read = once(OSError("read"))
-        until(lambda: device.opened == 2 and engine.has_sample)
+        eventually(lambda: device.opened == 2 and engine.has_sample)
         assert engine.status.state is S.DISABLED
 
 
@@ -256,19 +249,19 @@ def test_a_stuck_thread_is_an_alarm_that_stops_its_device_and_leaves_its_neighbo
         move = engine.submit("move_jp", JointState(position=vector([0.5] * 4)))
         assert move is not None
         stuck.in_read = hang
-        until(lambda: engine.status.state is S.FAULT)
+        eventually(lambda: engine.status.state is S.FAULT)
         assert engine.status.detail == "the I/O thread of a is stuck"
-        until(lambda: "watchdog" in stuck.stoppers)
-        until(lambda: move.outcome is Outcome.ABORTED)
+        eventually(lambda: "watchdog" in stuck.stoppers)
+        eventually(lambda: move.outcome is Outcome.ABORTED)
         with pytest.raises(MotionAborted):
             move.wait()
         cycles, writes = neighbour.health().cycles, stuck.writes
-        until(lambda: neighbour.health().cycles > cycles + 20)
+        eventually(lambda: neighbour.health().cycles > cycles + 20)
         assert neighbour.status.state is S.ENABLED
         stuck.in_read = lambda: None
         release.set()
         cycles = engine.health().cycles
-        until(lambda: engine.health().cycles > cycles + 20)
+        eventually(lambda: engine.health().cycles > cycles + 20)
         assert engine.status.state is S.FAULT
         assert stuck.writes == writes
         enable(engine)
@@ -282,9 +275,9 @@ def test_a_thread_that_dies_is_a_fault_and_its_device_is_stopped() -> None:
         enable(engine)
         enable(neighbour)
         device.in_read = raising(SystemExit("a plugin called sys.exit"))
-        until(lambda: "has died" in engine.status.detail)
+        eventually(lambda: "has died" in engine.status.detail)
         assert engine.status.state is S.FAULT
-        until(lambda: (device.stopped, device.closed) == (1, 1))
+        eventually(lambda: (device.stopped, device.closed) == (1, 1))
         with pytest.raises(CommandRefused):
             engine.submit("servo_jp", JointState(position=vector([0.0] * 4)))
         assert neighbour.status.state is S.ENABLED
@@ -314,14 +307,14 @@ def test_a_thread_that_does_not_end_is_told_and_its_moves_are_released() -> None
     assert move.outcome is Outcome.ABORTED
     assert engine.status.state is S.FAULT
     release.set()
-    until(lambda: device.closed)
-    until(lambda: "io a" not in [thread.name for thread in threading.enumerate()])
+    eventually(lambda: device.closed)
+    eventually(lambda: "io a" not in [thread.name for thread in threading.enumerate()])
 
 
 def test_after_a_stall_cycles_are_not_caught_up() -> None:
     device = Misbehaving(rate=100.0)
     with running(device) as (engine,):
-        until(lambda: engine.health().cycles > 5)
+        eventually(lambda: engine.health().cycles > 5)
         stalled = threading.Event()
 
         def stall() -> None:
@@ -332,7 +325,7 @@ def test_after_a_stall_cycles_are_not_caught_up() -> None:
         device.in_read = stall
         assert stalled.wait(LONG)
         count = len(device.reads)
-        until(lambda: len(device.reads) > count + 30)
+        eventually(lambda: len(device.reads) > count + 30)
     after = device.reads[count : count + 30]
     # Twenty periods were missed. At most one cycle follows at once, none of the others.
     assert after[-1] - after[0] > 27 * 0.01
@@ -346,9 +339,9 @@ def test_devices_on_one_bus_share_a_thread_and_one_of_them_may_be_lost() -> None
         enable(one)
         enable(two)
         first.reachable = False
-        until(lambda: one.status.state is S.FAULT)
+        eventually(lambda: one.status.state is S.FAULT)
         cycles = two.health().cycles
-        until(lambda: two.health().cycles > cycles + 20)
+        eventually(lambda: two.health().cycles > cycles + 20)
         assert two.status.state is S.ENABLED
 
 
@@ -369,7 +362,7 @@ def test_all_devices_of_a_lost_bus_are_stopped_before_the_first_is_waited_for() 
 
         gripper.in_read = arm.in_read = fail
         broken.set()
-        until(lambda: stopped_by_then)
+        eventually(lambda: stopped_by_then)
     assert stopped_by_then[0]
 
 
@@ -399,7 +392,7 @@ def test_what_a_lost_device_is_closed_with_is_not_taken_for_a_stuck_thread() -> 
 
         device.in_close = close
         device.in_read = once(ConnectionLost("unplugged"))
-        until(lambda: told)
+        eventually(lambda: told)
         device.in_close = lambda: None
     assert "unplugged" in told[0]
 
@@ -418,16 +411,16 @@ def test_opening_one_device_again_does_not_leave_its_neighbour_on_the_bus_alone(
         enable(two)
         first.open = watched  # type: ignore[method-assign]
         first.reachable = False
-        until(lambda: len(limits) >= 2)
+        eventually(lambda: len(limits) >= 2)
         first.reachable = True
-        until(lambda: one.connected)
+        eventually(lambda: one.connected)
     assert max(limits) <= 0.25
 
 
 def test_a_slow_device_is_not_taken_for_a_stuck_one() -> None:
     device = Misbehaving(rate=1.0)
     with running(device) as (engine,):
-        until(lambda: engine.health().cycles >= 2)
+        eventually(lambda: engine.health().cycles >= 2)
         assert engine.status.state is S.DISABLED
 
 
@@ -471,7 +464,7 @@ def test_what_shares_the_bus_of_a_stream_is_read_after_it_in_each_of_its_cycles(
     with running(stream, behind) as (pacer, follower):
         for count in range(1, 6):
             stream.ticks.release()
-            until(lambda count=count: follower.health().samples >= count)  # type: ignore[misc]
+            eventually(lambda count=count: follower.health().samples >= count)  # type: ignore[misc]
             assert pacer.health().samples == count
         stream.patience = 0.01  # for the end
         stream.ticks.release()
@@ -492,9 +485,9 @@ def test_what_shares_the_bus_of_a_stream_goes_on_by_our_clock_without_it(
     with running(stream, behind) as (pacer, follower):
         stream.in_open = raising(ConnectionFailed("gone"))
         stream.in_read = raising(ConnectionLost("gone"))
-        until(lambda: not pacer.connected)
+        eventually(lambda: not pacer.connected)
         goal = follower.health().cycles + 20
-        until(lambda: follower.health().cycles > goal and "io a" in slept)
+        eventually(lambda: follower.health().cycles > goal and "io a" in slept)
         assert follower.status.state is S.DISABLED
 
 
@@ -525,10 +518,10 @@ def test_an_open_that_ignores_its_deadline_is_an_alarm() -> None:
 
     device.in_open = hang
     with running(device, open_timeout=0.1) as (engine,):
-        until(lambda: engine.status.detail == "the I/O thread of a is stuck")
+        eventually(lambda: engine.status.detail == "the I/O thread of a is stuck")
         assert device.stopped == 0, "there is nobody to stop yet"
         release.set()
-        until(lambda: engine.connected)
+        eventually(lambda: engine.connected)
 
 
 def test_python_passes_its_lock_on_in_time_whoever_starts_it() -> None:

@@ -3,7 +3,6 @@
 import logging
 import os
 import threading
-import time
 
 import pytest
 
@@ -12,7 +11,7 @@ from crtk_drivers.recording import McapWriter, Raw, Recorder, Recording
 from crtk_drivers.recording.recorder import CAPACITY_SIZE, TOTALS
 from crtk_drivers.samples import JointState, Number, Pose, Stamp, Text, vector
 from crtk_drivers.state import OperatingState, Status
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 @pytest.fixture
@@ -22,13 +21,6 @@ def path(tmp_path):
 
 def texts(path):
     return [m.decoded().value.value for m in Recording(path).messages()]
-
-
-def until(condition):
-    deadline = time.monotonic() + LONG
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
 
 
 def test_what_was_taken_is_in_the_file_by_topic_and_stamp(path):
@@ -60,8 +52,8 @@ def test_what_was_taken_is_in_the_file_by_topic_and_stamp(path):
 def test_what_waits_is_in_the_file_while_it_is_open(path):
     with Recorder(path, period=0.001) as recorder:
         recorder.take("/a", Text("one"), Stamp(1, 1.0))
-        until(lambda: recorder.totals.written == 1)
-        until(lambda: texts(path) == ["one"])  # counted before it is flushed
+        eventually(lambda: recorder.totals.written == 1)
+        eventually(lambda: texts(path) == ["one"])  # counted before it is flushed
         assert not Recording(path).is_complete
 
 
@@ -82,7 +74,7 @@ def test_what_waits_has_a_largest_size(path):
     for size in (CAPACITY_SIZE - 1000, 1001, 1000):
         recorder.put((lambda *_: (raw,), topic, 1), 1, size)
     recorder.start()
-    until(lambda: recorder.totals.written == 2)
+    eventually(lambda: recorder.totals.written == 2)
     recorder.put((lambda *_: (raw,), topic, 1), 1, CAPACITY_SIZE)
     totals = recorder.close()
     assert (totals.written, totals.lost) == (3, 1)
@@ -154,15 +146,15 @@ def test_a_full_disk_is_told_once_and_recording_goes_on(path, disk, caplog):
     caplog.set_level(logging.WARNING)
     with Recorder(path, period=0.001) as recorder:
         recorder.take("/a", Text("before"), Stamp(1, 1.0))
-        until(lambda: texts(path) == ["before"])  # counted before it is flushed
+        eventually(lambda: texts(path) == ["before"])  # counted before it is flushed
         disk.is_full = True
         for number in range(5):
             recorder.take("/a", Text(str(number)), Stamp(1, 1.0))
             recorder.take("/new", Text(str(number)), Stamp(1, 1.0))
-        until(lambda: recorder.totals.lost == 10)
+        eventually(lambda: recorder.totals.lost == 10)
         disk.is_full = False
         recorder.take("/a", Text("after"), Stamp(1, 1.0))
-        until(lambda: recorder.totals.written == 2)
+        eventually(lambda: recorder.totals.written == 2)
     assert texts(path) == ["before", "after"]
     totals = recorder.totals
     assert (totals.taken, totals.written, totals.lost) == (12, 2, 10)
@@ -198,7 +190,7 @@ def test_a_disk_that_hangs_keeps_nobody_waiting(path, disk):
     disk.hangs.set()
     recorder.start()
     recorder.take("/a", Text("a"), Stamp(1, 1.0))
-    until(lambda: disk.hangs.is_set() and recorder.totals.taken == 1)
+    eventually(lambda: disk.hangs.is_set() and recorder.totals.taken == 1)
     for number in range(1000):  # would block, if it could
         recorder.take("/a", Text(str(number)), Stamp(1, 1.0))
     with pytest.raises(RecordingError, match=r"has not taken what was recorded for 0.01 s"):

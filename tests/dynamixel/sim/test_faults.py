@@ -32,10 +32,10 @@ from rigs.dynamixel_clients import (
     statuses,
     sync_read,
     vendor_at,
-    wait_until,
     wire_at,
     write,
 )
+from rigs.waiting import eventually
 
 PING_1, ANSWER_1 = instruction(1, 0x01), 14
 SERVOS = "1:xm430-w350,2:xm430-w350,3:xm430-w350"
@@ -249,17 +249,17 @@ def test_stuck(sim: RunningSim, wire: Wire) -> None:
         )
         return current, velocity, position
 
-    wait_until(lambda: measured()[0] > 100)
+    eventually(lambda: measured()[0] > 100)
     assert measured()[1:] == (0, 2048)
     sim.control.clear("stuck")
-    wait_until(lambda: measured()[2] == 2148)
+    eventually(lambda: measured()[2] == 2148)
 
 
 def test_push(sim: RunningSim, wire: Wire) -> None:
     sim.control.inject("push", id=1, torque=-1.0)
-    wait_until(lambda: sim.control.outputs("bus1/1")["bus1/1"]["angle"] < -0.2)
+    eventually(lambda: sim.control.outputs("bus1/1")["bus1/1"]["angle"] < -0.2)
     sim.control.clear()
-    wait_until(lambda: sim.control.outputs("bus1/1")["bus1/1"]["velocity"] == 0.0)
+    eventually(lambda: sim.control.outputs("bus1/1")["bus1/1"]["velocity"] == 0.0)
 
 
 @pytest.mark.parametrize(
@@ -282,13 +282,13 @@ def test_hardware_errors(
     wire.ask(write(1, TORQUE, b"\x01"), 11)
     wire.ask(write(2, TORQUE, b"\x01"), 11)
     sim.control.inject(kind, id=1, **parameters)
-    wait_until(lambda: wire.ask(read(1, HARDWARE_ERROR, 1), 12)[0].data[0] == bits)
+    eventually(lambda: wire.ask(read(1, HARDWARE_ERROR, 1), 12)[0].data[0] == bits)
     assert wire.ask(read(1, TORQUE, 1), 12) == [Status(1, 0x80, bytes((torque,)))]
     assert wire.ask(read(2, TORQUE, 1), 12) == [Status(2, 0, b"\x01")]
     if kind not in ("overload", "hardware_error"):
         sim.control.clear(kind)
     wire.ask(instruction(1, 0x08), 11)
-    wait_until(lambda: wire.ask(read(1, HARDWARE_ERROR, 1)) == [Status(1, 0, b"\x00")])
+    eventually(lambda: wire.ask(read(1, HARDWARE_ERROR, 1)) == [Status(1, 0, b"\x00")])
 
 
 def test_power_off_and_on(sim: RunningSim, wire: Wire) -> None:
@@ -298,7 +298,7 @@ def test_power_off_and_on(sim: RunningSim, wire: Wire) -> None:
     sim.control.inject("power_off")
     assert wire.ask(PING_1) == []
     sim.control.clear("power_off")
-    wait_until(lambda: wire.ask(PING_1) != [])
+    eventually(lambda: wire.ask(PING_1) != [])
     assert wire.ask(read(1, TORQUE, 1), 12) == [Status(1, 0, b"\x00")]
     assert wire.ask(read(1, MODE, 1), 12) == [Status(1, 0, b"\x04")]
     (answer,) = wire.ask(read(1, POSITION, 4), 15)
@@ -335,10 +335,10 @@ def test_a_timeline_with_events(tmp_path: Path) -> None:
             wire.send(PING_1)
             return len(wire.rest()) > ANSWER_1
 
-        wait_until(echoes)
-        wait_until(lambda: not echoes())
+        eventually(echoes)
+        eventually(lambda: not echoes())
         wire.ask(write(2, TORQUE, b"\x01"), 11)
-        wait_until(lambda: wire.ask(read(2, HARDWARE_ERROR, 1), 12)[0].data == b"\x20")
+        eventually(lambda: wire.ask(read(2, HARDWARE_ERROR, 1), 12)[0].data == b"\x20")
 
 
 def test_memory_that_is_claimed_to_be_something_else(sim: RunningSim, wire: Wire) -> None:

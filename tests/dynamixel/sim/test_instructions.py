@@ -27,10 +27,10 @@ from rigs.dynamixel_clients import (
     running,
     statuses,
     sync_read,
-    wait_until,
     wire_at,
     write,
 )
+from rigs.waiting import eventually
 
 RESULT_FAIL, INSTRUCTION, CRC, RANGE, LENGTH, LIMIT, ACCESS = range(1, 8)
 MOVING = 122
@@ -168,7 +168,7 @@ def test_clear_forgets_full_turns_at_rest() -> None:
         within = struct.pack("<i", turned % 4096)
         assert wire.ask(read(1, POSITION, 4), 15) == done(1, 0, within)
         sim.control.inject("push", id=1, torque=1.0)
-        wait_until(lambda: sim.control.status()["servos"]["bus1/1"]["velocity"] > 0.5)
+        eventually(lambda: sim.control.status()["servos"]["bus1/1"]["velocity"] > 0.5)
         assert wire.ask(instruction(1, 0x10, CLEAR), 11) == done(1, RESULT_FAIL)
 
 
@@ -180,8 +180,8 @@ def test_clear_is_taken_as_soon_as_moving_says_that_it_stands() -> None:
         for goal in (5100, -996, 5100):
             # Into another turn each time, half a turn away: that full turn is forgotten.
             wire.ask(write(1, GOAL_POSITION, struct.pack("<i", goal)), 11)
-            wait_until(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x01"))
-            wait_until(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x00"))
+            eventually(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x01"))
+            eventually(lambda: wire.ask(read(1, MOVING, 1), 12) == done(1, 0, b"\x00"))
             assert wire.ask(instruction(1, 0x10, CLEAR), 11) == done(1)
 
 
@@ -191,7 +191,7 @@ def test_turns_are_lost_at_reboot() -> None:
         (before,) = wire.ask(read(1, POSITION, 4), 15)
         assert struct.unpack("<i", before.data)[0] < -2000
         wire.ask(instruction(1, 0x08), 11)
-        wait_until(lambda: wire.ask(read(1, POSITION, 4)) != [])
+        eventually(lambda: wire.ask(read(1, POSITION, 4)) != [])
         (after,) = wire.ask(read(1, POSITION, 4), 15)
         difference = struct.unpack("<i", after.data)[0] - struct.unpack("<i", before.data)[0]
         assert difference == 4096
@@ -208,7 +208,7 @@ def test_backup_of_the_control_table(wire: Wire) -> None:
     assert wire.ask(read(1, 147, 1), 12) == done(1, 0, b"\x01")
     wire.ask(write(1, 112, bytes(4)), 11)
     assert wire.ask(instruction(1, 0x20, RESTORE), 11) == done(1)
-    wait_until(lambda: wire.ask(instruction(1, 0x01)) != [])
+    eventually(lambda: wire.ask(instruction(1, 0x01)) != [])
     assert wire.ask(read(1, 112, 4), 15) == done(1, 0, profile)
 
 
@@ -223,10 +223,10 @@ def test_a_shadow_obeys_without_an_answer() -> None:
             answers = wire.ask(sync_read(POSITION, 4, 2, 3), 30)
             return [struct.unpack("<i", answer.data)[0] for answer in answers]
 
-        wait_until(lambda: positions() == [2500, 2500])
+        eventually(lambda: positions() == [2500, 2500])
         wire.send(instruction(EVERYONE, 0x83, struct.pack("<HHBI", GOAL_POSITION, 4, 2, 2000)))
         assert wire.ask(read(3, GOAL_POSITION, 4), 15) == done(3, 0, struct.pack("<I", 2000))
-        wait_until(lambda: positions() == [2000, 2000])
+        eventually(lambda: positions() == [2000, 2000])
 
 
 def test_a_servo_hears_only_its_own_baud_rate(wire: Wire) -> None:

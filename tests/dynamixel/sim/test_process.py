@@ -30,10 +30,9 @@ from rigs.dynamixel_clients import (
     statuses,
     sync_read,
     vendor_at,
-    wait_until,
     write,
 )
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 pytestmark = pytest.mark.usefixtures("cold_start")
 
@@ -134,7 +133,7 @@ def test_a_client_comes_after_another_and_finds_nothing_of_it() -> None:
         with Wire(sim.ttys["bus1"]) as wire:
             wire.send(PING_1)
             select.select([wire], [], [], 2.0)
-        wait_until(lambda: sim.control.status()["buses"]["bus1"]["clients"] == 0)
+        eventually(lambda: sim.control.status()["buses"]["bus1"]["clients"] == 0)
         fd = os.open(sim.ttys["bus1"], os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             assert select.select([fd], [], [], 0.05)[0] == []
@@ -147,7 +146,7 @@ def test_an_exclusive_port_can_be_opened_again() -> None:
         with Wire(sim.ttys["bus1"]) as wire:
             fcntl.ioctl(wire, termios.TIOCEXCL)
             assert fcntl.ioctl(wire, TIOCGEXCL, bytes(4)) != bytes(4)
-        wait_until(lambda: sim.control.status()["buses"]["bus1"]["clients"] == 0)
+        eventually(lambda: sim.control.status()["buses"]["bus1"]["clients"] == 0)
         with Wire(sim.ttys["bus1"]) as wire:
             assert fcntl.ioctl(wire, TIOCGEXCL, bytes(4)) == bytes(4)
 
@@ -156,7 +155,7 @@ def test_a_client_that_does_not_read_loses_bytes_and_nothing_else() -> None:
     with running() as sim, Wire(sim.ttys["bus1"]) as wire:
         for _ in range(300):
             wire.send(read(1, 0, 600))
-        wait_until(lambda: sim.control.status()["buses"]["bus1"]["overruns"] > 0)
+        eventually(lambda: sim.control.status()["buses"]["bus1"]["overruns"] > 0)
         wire.rest()
         assert len(wire.ask(PING_1, ANSWER_1)) == 1
 
@@ -181,7 +180,7 @@ def test_bytes_take_their_time(speed: int, baud: int) -> None:
 def test_talking_while_a_servo_talks_loses_both() -> None:
     with running(baud=9600, timing="wire") as sim, Wire(sim.ttys["bus1"], termios.B9600) as wire:
         wire.send(sync_read(0, 140, *range(1, 8)))  # more than a second
-        wait_until(lambda: sim.control.status()["instructions"] == 1)
+        eventually(lambda: sim.control.status()["instructions"] == 1)
         wire.send(PING_1)
         assert len(wire.rest(1.0, 4.0)) < 7 * 151
         assert sim.control.status()["buses"]["bus1"]["collisions"] == 1
@@ -193,7 +192,7 @@ def test_an_unfinished_packet_is_forgotten_after_a_while() -> None:
         wire.send(read(1, 0, 2)[:-3])
         clock = lambda: sim.control.status()["time"]  # noqa: E731
         forgotten = clock() + 0.15
-        wait_until(lambda: clock() > forgotten)
+        eventually(lambda: clock() > forgotten)
         (answer,) = wire.ask(PING_1, ANSWER_1)
         assert (answer.number, answer.error) == (1, 0)
 

@@ -31,9 +31,9 @@ from rigs.dynamixel_clients import (
     hand,
     running,
     vendor_at,
-    wait_until,
     write,
 )
+from rigs.waiting import eventually
 
 RESULT_FAIL, INSTRUCTION, CRC, RANGE, LENGTH, LIMIT, ACCESS = range(1, 8)
 ALERT = 0x80
@@ -246,7 +246,7 @@ def test_reboot_forgets_ram_and_turns_torque_off(vendor: Vendor) -> None:
     vendor.write(XM, TORQUE, 1, 1)
     assert vendor.packets.reboot(vendor.port, XM) == (sdk.COMM_SUCCESS, 0)
     assert vendor.ping_in_vain(XM) == sdk.COMM_RX_TIMEOUT  # for a moment
-    wait_until(lambda: vendor.ping_in_vain(XM) == sdk.COMM_SUCCESS)
+    eventually(lambda: vendor.ping_in_vain(XM) == sdk.COMM_SUCCESS)
     assert vendor.read(XM, TORQUE, 1) == 0
     assert vendor.read(XM, PROFILE_VELOCITY, 4) == 0
     assert vendor.read(XM, HOMING, 4) == 7
@@ -259,7 +259,7 @@ def test_factory_reset_keeps_what_it_is_told(
     vendor.write(XM, HOMING, 4, 7)
     assert vendor.packets.factoryReset(vendor.port, XM, kept) == (sdk.COMM_SUCCESS, 0)
     vendor.port.setBaudRate(baud)
-    wait_until(lambda: vendor.ping_in_vain(number) == sdk.COMM_SUCCESS)
+    eventually(lambda: vendor.ping_in_vain(number) == sdk.COMM_SUCCESS)
     assert vendor.read(number, HOMING, 4) == 0
     assert vendor.read(number, 9, 1) == 250
 
@@ -276,7 +276,7 @@ def test_shutdown_takes_torque_until_a_reboot_and_every_status_is_an_alert(
     assert vendor.read(XM, TORQUE, 1) == 0
     assert vendor.write(XM, GOAL_POSITION, 4, 5000) == ALERT | LIMIT
     vendor.packets.reboot(vendor.port, XM)
-    wait_until(lambda: vendor.ping_in_vain(XM) == sdk.COMM_SUCCESS)
+    eventually(lambda: vendor.ping_in_vain(XM) == sdk.COMM_SUCCESS)
     assert vendor.write(XM, TORQUE, 1, 1) == 0
     assert vendor.read(XM, HARDWARE_ERROR, 1) == 0
 
@@ -286,7 +286,7 @@ def test_a_hardware_error_that_shutdown_does_not_name_leaves_torque_on(
 ) -> None:
     vendor.write(XM, TORQUE, 1, 1)
     sim.control.inject("voltage", id=XM, volts=8.0)
-    wait_until(lambda: vendor.read(XM, HARDWARE_ERROR, 1) == 0x01)
+    eventually(lambda: vendor.read(XM, HARDWARE_ERROR, 1) == 0x01)
     assert vendor.read(XM, TORQUE, 1) == 1
     assert vendor.read(XM, 144, 2) == 80
 
@@ -305,7 +305,7 @@ def test_the_sdk_moves_a_chain(vendor: Vendor) -> None:
         return [group.getData(number, POSITION, 4) for number in (XM, XL330, XM540)]
 
     for read in ("txRxPacket", "fastSyncRead"):
-        wait_until(lambda read=read: positions(read) == [0x800, 0xA00, 0xF00])
+        eventually(lambda read=read: positions(read) == [0x800, 0xA00, 0xF00])
 
 
 def test_what_the_sdk_does_not_stuff_is_lost_as_at_a_real_servo(
@@ -361,7 +361,7 @@ def test_the_easy_sdk(sim: RunningSim) -> None:
         motor = connector.createMotor(XM)
         motor.enableTorque()
         motor.setGoalPosition(2500)
-        wait_until(lambda: motor.getPresentPosition() == 2500)
+        eventually(lambda: motor.getPresentPosition() == 2500)
         assert motor.getPresentVelocity() == 0
     finally:
         connector._port_handler.closePort()  # it has no method for it

@@ -13,9 +13,9 @@ import pytest
 
 from crtk_drivers.errors import CrtkError
 from crtk_sim_backends.galil import RunningSim
-from rigs.axes_bench import SOON, STEP, fault, stands
+from rigs.axes_bench import STEP, fault, stands
 from rigs.galil_bench import TURN, arm_at, galil, joints, moving, refused
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_a_fault_in_motion_is_told(
         fault(arm, words)
         eventually(lambda: stands(sim), "it stands")
         sim.control.clear()
-        arm.enable(SOON)
+        arm.enable(LONG)
         assert arm.operating_state().state == "ENABLED"
 
 
@@ -71,16 +71,16 @@ def test_a_limit_switch_stops_the_axis_and_it_can_be_moved_away(sim: RunningSim)
         assert sim.control.status()["position"][0] < 47_000
         noted = lambda words: any(words in note.text for note in arm.health().notes)  # noqa: E731
         eventually(lambda: noted("forward limit switch is active"), "it is noted")
-        arm.enable(SOON)
+        arm.enable(LONG)
         goal = arm.measured_js().position.copy()
         goal[0] -= 0.4
-        arm.move_jp(goal).wait(SOON)
+        arm.move_jp(goal).wait(LONG)
         eventually(lambda: not noted("limit switch"), "it is away")
 
 
 def test_a_controller_that_starts_anew_in_motion_comes_back_disabled(sim: RunningSim) -> None:
     with moving(sim, joints=joints(homing={"method": "here"})) as arm:
-        arm.home(SOON)
+        arm.home(LONG)
         assert arm.is_homed()
         sim.control.inject("reset")
         eventually(lambda: arm.health().reconnects > 0 and arm.engine.connected, "it is back")
@@ -93,11 +93,11 @@ def test_home_is_remembered_by_a_controller_that_was_not_restarted(sim: RunningS
     keys = joints(homing={"method": "here"})
     with arm_at(sim, joints=keys) as arm:
         assert not arm.is_homed()
-        arm.enable(SOON)
-        arm.home(SOON)
+        arm.enable(LONG)
+        arm.home(LONG)
     with arm_at(sim, joints=keys) as arm:
         eventually(arm.is_homed, "it is remembered")
-        arm.unhome(SOON)
+        arm.unhome(LONG)
     with arm_at(sim, joints=keys) as arm:
         assert not arm.is_homed()
 
@@ -106,24 +106,24 @@ def test_home_is_remembered_of_each_axis(sim: RunningSim) -> None:
     """Another arm of the same controller, or one with more joints, was not homed by it."""
     keys = joints(homing={"method": "here"})
     with arm_at(sim, joints={"joint_a": keys["joint_a"]}) as arm:
-        arm.enable(SOON)
-        arm.home(SOON)
+        arm.enable(LONG)
+        arm.home(LONG)
     with arm_at(sim, joints={"joint_b": keys["joint_b"]}) as arm:
         assert not arm.is_homed()
     with arm_at(sim, joints=keys) as arm:
         assert not arm.is_homed()
-        arm.enable(SOON)
-        arm.home(SOON)
+        arm.enable(LONG)
+        arm.home(LONG)
     with arm_at(sim, joints=keys) as arm:
         eventually(arm.is_homed, "it is remembered")
 
 
 def test_a_home_position_that_is_not_counted_is_not_believed(sim: RunningSim) -> None:
     with arm_at(sim, joints=joints(homing={"method": "here", "position": 0.1})) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         sim.control.inject("deaf", command="DP")
         with pytest.raises(CrtkError, match="joint_a was not homed: it counts 0, not 1592"):
-            arm.home(SOON)
+            arm.home(LONG)
         assert not arm.is_homed()
 
 
@@ -133,8 +133,8 @@ def test_homing_finds_the_switch_and_the_index(sim: RunningSim, method: str) -> 
     keys = joints()
     keys["joint_a"]["homing"] = homing
     with arm_at(sim, joints=keys) as arm:
-        arm.enable(SOON)
-        arm.home(SOON)
+        arm.enable(LONG)
+        arm.home(LONG)
         assert arm.is_homed()
         place = 10_000 if method == "home" else sim.control.status()["position"][0]
         assert sim.control.status()["position"][0] == pytest.approx(place, abs=50)
@@ -147,9 +147,9 @@ def test_homing_that_meets_a_limit_switch_fails_with_the_reason(sim: RunningSim)
     keys = joints()
     keys["joint_a"]["homing"] = {"method": "home", "speed": 1.0}
     with galil(travel=3000, home_at=20_000) as short, arm_at(short, joints=keys) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         with pytest.raises(CrtkError, match=r"joint_a was not homed: .*forward limit.*CN"):
-            arm.home(SOON)
+            arm.home(LONG)
         assert not arm.is_homed()
 
 
@@ -157,22 +157,22 @@ def test_what_is_refused_in_a_procedure_fails_it(sim: RunningSim) -> None:
     with arm_at(sim, joints=joints(homing={"method": "here", "position": 0.5})) as arm:
         sim.control.inject("refuses", command="SP", code=6)
         with pytest.raises(CrtkError, match=r"'SP .*' was refused: 6 number out of range"):
-            arm.enable(SOON)
+            arm.enable(LONG)
         assert not any(sim.control.status()["on"])
         sim.control.clear()
-        arm.enable(SOON)
+        arm.enable(LONG)
         sim.control.inject("refuses", command="DP", code=7)
         with pytest.raises(CrtkError, match=r"'DP.*' was refused: 7 not valid while running"):
-            arm.home(SOON)
+            arm.home(LONG)
         assert not arm.is_homed()
 
 
 def test_axes_that_could_not_be_disabled_are_watched_on(sim: RunningSim) -> None:
     with arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         sim.control.inject("refuses", command="MO", code=7)
         with pytest.raises(CrtkError, match=r"'MO.*' was refused: 7 "):
-            arm.disable(SOON)
+            arm.disable(LONG)
         sim.control.inject("encoder_failure", axis="A")
         told = "stopped by an encoder failure (OA1)"
         eventually(lambda: told in arm.operating_state().detail, told)
@@ -182,7 +182,7 @@ def test_axes_that_could_not_be_disabled_are_watched_on(sim: RunningSim) -> None
 def test_a_stop_is_believed_although_records_are_slow(sim: RunningSim) -> None:
     """It is sent again every 50 ms, which begins nothing anew."""
     with arm_at(sim, record_period=0.04) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         arm.move_jp(arm.measured_js().position + 1.0)
         eventually(lambda: arm.measured_js().velocity[0] > 0.1, "it moves")
         arm.hold()
@@ -192,13 +192,13 @@ def test_a_stop_is_believed_although_records_are_slow(sim: RunningSim) -> None:
 
 def test_a_stop_that_does_nothing_is_not_believed(sim: RunningSim) -> None:
     with arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         sim.control.inject("deaf_to_stop")
         move = arm.move_jp(arm.measured_js().position + 1.0)
         eventually(lambda: arm.measured_js().velocity[0] > 0.1, "it moves")
         arm.hold()
         with pytest.raises(CrtkError):
-            move.wait(SOON)
+            move.wait(LONG)
         fault(arm, "a stop has not been carried out")
         sim.control.clear()
         eventually(lambda: arm.engine.device.has_stopped, "it is read back when it is carried out")
@@ -224,10 +224,10 @@ def test_what_is_only_now_and_then_is_counted_and_lived_with(
     sim: RunningSim, kind: str, parameters: dict[str, Any]
 ) -> None:
     with arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         sim.control.inject(kind, **parameters)
         goal = arm.measured_js().position + 0.1
-        arm.move_jp(goal).wait(SOON)
+        arm.move_jp(goal).wait(LONG)
         assert arm.operating_state().state == "ENABLED"
         counted = {
             "loss": "lost records",
@@ -254,14 +254,14 @@ def test_silence_is_a_lost_link(sim: RunningSim, kind: str) -> None:
 
 def test_echo_is_switched_off_and_a_controller_that_keeps_it_is_understood() -> None:
     with galil(echo=True) as sim, arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         assert arm.health().device["echoes"] >= 1
         assert any("EO 0" in note.text for note in arm.health().notes)
 
 
 def test_a_second_client_may_ask_and_disturbs_nobody(sim: RunningSim) -> None:
     place = sim.host, sim.ports["command"]
-    with moving(sim, 0.1) as arm, socket.create_connection(place, SOON) as other:
+    with moving(sim, 0.1) as arm, socket.create_connection(place, LONG) as other:
         for _ in range(20):
             other.sendall(b"TP A\r")
             assert other.recv(64).endswith(b":")
@@ -281,7 +281,7 @@ def test_firmware_that_is_not_known_is_refused_unless_its_family_is_given() -> N
     with galil(revision="DMC9040 Rev 9.9") as sim:
         refused(sim, "it calls itself 'DMC9040 Rev 9.9'")
         with arm_at(sim, model="4000") as arm:
-            arm.enable(SOON)
+            arm.enable(LONG)
         refused(sim, "has 36 bytes in its data record (QZ), not 30", model="2103")
 
 
@@ -293,7 +293,7 @@ def test_other_samples_than_of_a_millisecond_are_refused() -> None:
 
 def raw(sim: RunningSim, *commands: str) -> None:
     """Another client says something, and all of it is taken."""
-    with socket.create_connection((sim.host, sim.ports["command"]), SOON) as other:
+    with socket.create_connection((sim.host, sim.ports["command"]), LONG) as other:
         for command in commands:
             other.sendall(f"{command}\r".encode())
             assert other.recv(64).endswith(b":")
@@ -306,7 +306,7 @@ def test_nothing_moves_by_enable_though_a_mode_was_left_on(sim: RunningSim) -> N
     sim.control.clear()
     raw(sim, "PA 20000")
     with arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         seen = arm.health().samples
         eventually(lambda: arm.health().samples > seen + 25, "it is looked at")
         assert abs(sim.control.status()["reference"][0]) < 1.0
@@ -319,13 +319,13 @@ def test_a_controller_that_was_only_looked_at_keeps_its_power(sim: RunningSim) -
         assert arm.operating_state().detail == "joint_a has power"
     assert sim.control.status()["on"][0]
     with arm_at(sim) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
     eventually(lambda: not any(sim.control.status()["on"]), "what it switched on is off")
 
 
 def test_going_and_stopping_keeps_the_limit_of_velocity(sim: RunningSim) -> None:
     with arm_at(sim, tracking="stop_go") as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         move = arm.move_jp(arm.measured_js().position + 2.0)
         seen = [0.0]
         while move.is_busy():
@@ -350,7 +350,7 @@ def test_no_setpoint_is_sent_to_axes_that_nobody_sees(sim: RunningSim) -> None:
 @pytest.mark.parametrize("tracking", ["pt", "pvt"])
 def test_velocities_are_as_asked_however_often(sim: RunningSim, tracking: str) -> None:
     with arm_at(sim, tracking=tracking) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         seen: deque[float] = deque(maxlen=200)
 
         def is_as_asked() -> bool:
@@ -367,7 +367,7 @@ def test_a_velocity_does_not_bring_back_at_once_what_is_outside_its_range(
     sim: RunningSim, outside: float
 ) -> None:
     with arm_at(sim, joints=joints(offset=outside)) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         assert arm.measured_js().position[0] == pytest.approx(outside, abs=1e-3)
         for _ in range(20):
             arm.servo_jv([0.0, 0.0, 0.0])
@@ -387,8 +387,8 @@ def test_a_velocity_does_not_bring_back_at_once_what_is_outside_its_range(
 def test_other_families_move(model: str) -> None:
     one = {"joint_a": joints()["joint_a"]}
     with galil(model=model, axes=1) as sim, arm_at(sim, joints=one) as arm:
-        arm.enable(SOON)
-        arm.move_jp([0.2]).wait(SOON)
+        arm.enable(LONG)
+        arm.move_jp([0.2]).wait(LONG)
         there = pytest.approx(0.2 * TURN / 6.2832, abs=30)
         eventually(lambda: sim.control.status()["position"][0] == there, "it is there")
 
@@ -396,9 +396,9 @@ def test_other_families_move(model: str) -> None:
 @pytest.mark.parametrize("tracking", ["pt", "pvt", "stop_go"])
 def test_each_way_of_tracking_arrives(sim: RunningSim, tracking: str) -> None:
     with arm_at(sim, tracking=tracking) as arm:
-        arm.enable(SOON)
+        arm.enable(LONG)
         goal = arm.measured_js().position + 0.2
-        arm.move_jp(goal).wait(SOON)
+        arm.move_jp(goal).wait(LONG)
         eventually(lambda: np.abs(arm.measured_js().position - goal).max() < 2e-3, "it is there")
 
         def goes_on() -> bool:

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.ros
 from crtk_drivers.samples import JointState, Number  # noqa: E402
 from rigs.igtl_peer import IgtlPeer, sensor, served, string  # noqa: E402
 from rigs.loopback_client import Far, far_device  # noqa: E402
-from rigs.loopback_node import until  # noqa: E402
+from rigs.waiting import eventually  # noqa: E402
 
 GOAL = 0.9
 
@@ -28,12 +28,12 @@ def test_a_hold_is_not_kept_waiting_by_the_move_before_it() -> None:
         far.engine.submit("trajectory_j/set_ratio", Number(0.5))
         peer = IgtlPeer.connected(server.port)
         peer.send("SENSOR", "arm/move_jp", sensor(-GOAL, 0.0, 0.0, 0.0))
-        until(lambda: far.engine.status.is_busy, "it moves")
+        eventually(lambda: far.engine.status.is_busy, "it moves")
         peer.send("SENSOR", "arm/move_jp", sensor(99.0, 0.0, 0.0, 0.0))
         assert "out_of_range" in peer.until("STRING", "arm/error").text
         # After a refusal it takes the client seconds to be sure that this one is accepted.
         peer.send("SENSOR", "arm/move_jp", sensor(GOAL, 0.0, 0.0, 0.0))
         peer.send("STRING", "arm/hold", string(""))
-        until(lambda: not far.engine.status.is_busy, "it is held")
+        eventually(lambda: not far.engine.status.is_busy, "it is held")
         assert position(far) < 0.9 * GOAL
         peer.close()

@@ -34,8 +34,8 @@ from crtk_drivers.samples import Pose
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
 from rigs.loopback_client import Far, Node, far_device
-from rigs.loopback_node import serve, slowly, until
-from rigs.waiting import LONG
+from rigs.loopback_node import serve, slowly
+from rigs.waiting import LONG, eventually
 
 pytestmark = pytest.mark.ros
 NAMESPACE = "/client_commands"
@@ -101,7 +101,9 @@ def test_state_tells_the_reason_of_a_fault(
     far.arm.measured_js(), far.arm.measured_cp()
     monkeypatch.setattr(base, "DEFAULT_WAIT", 1.0)
     far.device.reported = Condition(OperatingState.FAULT, "the door is open")
-    until(lambda: far.arm.operating_state().state is OperatingState.FAULT, "the fault is heard of")
+    eventually(
+        lambda: far.arm.operating_state().state is OperatingState.FAULT, "the fault is heard of"
+    )
     code, out, _ = run("state", NAMESPACE)
     assert code == 0
     assert re.search(r"^FAULT  homed\nreason: .*the door is open", out, re.MULTILINE)
@@ -170,7 +172,7 @@ def test_moves(far: Far, run: Run) -> None:
         assert (code, err) == (0, "")
         assert re.match(r"reached in \d+\.\d s\n", out)
         # What told that it is reached may be another topic.
-        until(lambda: np.allclose(far.arm.setpoint_jp(), goal, atol=1e-3), f"it is at {goal}")
+        eventually(lambda: np.allclose(far.arm.setpoint_jp(), goal, atol=1e-3), f"it is at {goal}")
 
     arrives([0.02, -0.03, 0.0, 0.1], "0.02", "-0.03", "-0e-3", ".1")
     arrives([0.02, -0.03, 0.01, 0.1], f"{names[2]}=0.01")
@@ -209,7 +211,7 @@ def test_an_interrupt_holds_the_arm(far: Far, run: Run) -> None:
     far.arm.enable()
 
     def interrupt() -> None:
-        until(lambda: far.arm.measured_jp()[0] > 0.01, "it is on its way")
+        eventually(lambda: far.arm.measured_jp()[0] > 0.01, "it is on its way")
         os.kill(os.getpid(), signal.SIGINT)
 
     thread = threading.Thread(target=interrupt)
@@ -236,7 +238,7 @@ def test_a_move_that_never_begins_is_followed_by_a_hold(
     code, _, err = run("move", NAMESPACE, "0.95", "0", "0", "0")
     assert code == 1
     assert "was never busy" in err
-    until(lambda: came == ["move_jp", "hold"], "it is told to hold")
+    eventually(lambda: came == ["move_jp", "hold"], "it is told to hold")
 
 
 @pytest.mark.slow
@@ -261,10 +263,10 @@ def test_a_terminal_that_is_gone_holds_the_arm(far: Far) -> None:
         return far.arm.is_busy()
 
     with slowly(far.engine):
-        until(moves, "it moves")
+        eventually(moves, "it moves")
         os.close(ours)
         child.wait(30.0)
-    until(lambda: not far.arm.is_busy(), "it is held")
+    eventually(lambda: not far.arm.is_busy(), "it is held")
     assert far.arm.setpoint_jp()[0] < 0.9
 
 
@@ -305,7 +307,7 @@ def test_echo_ends_with_ctrl_c_and_tells_the_rate(far: Far, run: Run) -> None:
 
     def interrupt() -> None:
         inbox = far.arm._space.link.inbox(f"{NAMESPACE}/measured_cv", TwistStamped)
-        until(lambda: bool(inbox._listeners), "echo listens")
+        eventually(lambda: bool(inbox._listeners), "echo listens")
         os.kill(os.getpid(), signal.SIGINT)
 
     thread = threading.Thread(target=interrupt)
@@ -365,7 +367,7 @@ def test_yaml_is_written_in_the_characters_of_the_text() -> None:
 def test_nobody_there_says_who_is(far: Far, run_far: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     with Node("who_knows") as mine:
         topic = f"{NAMESPACE}/operating_state"
-        until(lambda: mine.node.count_publishers(topic), "it knows who is there")
+        eventually(lambda: mine.node.count_publishers(topic), "it knows who is there")
         monkeypatch.setattr(client, "connect", partial(client.connect, node=mine.node))
         code, out, err = run_far("enable", "/nobody", "--timeout", "0.5")
     assert (code, out) == (1, "")

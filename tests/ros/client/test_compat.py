@@ -21,8 +21,8 @@ from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.samples import Pose
 from crtk_drivers.testing.loopback import LoopbackConfig
 from rigs.loopback_client import Node
-from rigs.loopback_node import serve, until
-from rigs.waiting import LONG
+from rigs.loopback_node import serve
+from rigs.waiting import LONG, eventually
 
 NAMESPACE = "client_compat"
 FEATURES = [
@@ -110,11 +110,13 @@ def test_a_script_of_before_1_4(ral: crtk.ral) -> None:
     assert handle.wait(is_busy=True)
     assert handle.wait(timeout=LONG)
     assert not handle.is_busy()
-    until(lambda: np.allclose(arm.setpoint_jp(), goal, atol=1e-3), "it is sent there")
-    until(lambda: np.allclose(arm.goal_jp(age=0.0), goal), "the goal is told")
+    eventually(lambda: np.allclose(arm.setpoint_jp(), goal, atol=1e-3), "it is sent there")
+    eventually(lambda: np.allclose(arm.goal_jp(age=0.0), goal), "the goal is told")
     assert arm.move_jr(np.array([0.0, 0.01, 0.0, 0.0])).wait()
     assert arm.move_cp(z_plus(arm.setpoint_cp(), 0.05)).wait()
-    until(lambda: abs(as_pose(arm.measured_cp(age=0.05)).position[2] - 0.05) < 5e-3, "it is there")
+    eventually(
+        lambda: abs(as_pose(arm.measured_cp(age=0.05)).position[2] - 0.05) < 5e-3, "it is there"
+    )
     assert as_pose(arm.local.measured_cp()).position.shape == (3,)
     assert arm.measured_cv().shape == arm.measured_cf().shape == (6,)
     assert arm.jacobian().shape == (6, 4)
@@ -139,7 +141,7 @@ def test_a_script_of_1_4(ral: crtk.ral) -> None:
     pose, stamp = arm.setpoint_cp(wait_timeout=LONG)
     assert as_pose(pose).position.shape == (3,)
     assert isinstance(stamp, float)
-    until(lambda: arm.setpoint_cp()[1] > 0.0, "the setpoint is valid")
+    eventually(lambda: arm.setpoint_cp()[1] > 0.0, "the setpoint is valid")
     assert arm.measured_jp()[0].shape == (4,)
     *parts, stamp = arm.measured_js()
     assert [part.shape for part in parts] == [(4,)] * 3
@@ -147,7 +149,7 @@ def test_a_script_of_1_4(ral: crtk.ral) -> None:
         assert arm.enable(LONG)
         assert arm.home(LONG)
         assert arm.move_jp(np.full(4, goal)).wait()
-        until(lambda: abs(arm.measured_jp()[0] - goal).max() < 5e-3, "it is there")  # noqa: B023
+        eventually(lambda: abs(arm.measured_jp()[0] - goal).max() < 5e-3, "it is there")  # noqa: B023
     arm.servo_jp(np.zeros(4), np.zeros(4))
     assert arm.jacobian().shape == (6, 4)
     assert arm.disable(LONG)
@@ -241,7 +243,7 @@ def test_the_rest_of_the_layer(ral: crtk.ral) -> None:
 
     def run(word: str) -> None:
         publisher.publish(Empty())
-        until(lambda: bool(heard), "the note arrives")
+        eventually(lambda: bool(heard), "the note arrives")
         ended.append(word)
 
     ral.spin_and_execute(run, "done")
@@ -260,9 +262,9 @@ def test_a_pedal(ral: crtk.ral) -> None:
         ral.spin()
         feet.node.create_timer(0.05, lambda: publisher.publish(Joy(buttons=[0, 1])))
         assert pedal.wait(timeout=LONG, value=1)
-    until(lambda: pedal.value() == 1, "it is kept")
+    eventually(lambda: pedal.value() == 1, "it is kept")
     assert values
-    until(lambda: not pedal.wait(timeout=0.1), "nobody is heard any more")
+    eventually(lambda: not pedal.wait(timeout=0.1), "nobody is heard any more")
 
 
 def test_arguments_of_ros_are_taken_off(served: None) -> None:

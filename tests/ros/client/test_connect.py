@@ -24,9 +24,9 @@ from crtk_drivers.errors import (
 )
 from crtk_drivers.testing.loopback import LoopbackConfig
 from rigs.loopback_client import Node, driver_process, far_device
-from rigs.loopback_node import SLOWLY, serve, until
+from rigs.loopback_node import SLOWLY, serve
 from rigs.programs import Start
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def served() -> Iterator[str]:
 
 def test_nobody_there(served: str) -> None:
     with Node("who_knows") as mine:
-        until(lambda: mine.node.count_publishers(f"{served}/operating_state"), "it knows one")
+        eventually(lambda: mine.node.count_publishers(f"{served}/operating_state"), "it knows one")
         with pytest.raises(ConnectionFailed) as info:
             connect("/nobody", timeout=0.5, node=mine.node)
     text = str(info.value)
@@ -62,9 +62,9 @@ def test_only_what_is_asked_for_is_subscribed(served: str) -> None:
         def listeners(name: str) -> int:
             return int(looker.node.count_subscribers(f"{served}/{name}"))
 
-        until(lambda: looker.node.count_publishers(f"{served}/measured_js") == 1, "it is seen")
+        eventually(lambda: looker.node.count_publishers(f"{served}/measured_js") == 1, "it is seen")
         assert arm.measured_js().position.size == 4
-        until(lambda: listeners("measured_js") == 1, "what is used is subscribed")
+        eventually(lambda: listeners("measured_js") == 1, "what is used is subscribed")
         for name in ("measured_cp", "measured_cv", "setpoint_js", "operating_state", "refusals"):
             assert listeners(name) == 0, name
 
@@ -103,7 +103,7 @@ def test_a_node_that_nobody_spins(served: str) -> None:
     count = mine.node.count_publishers
     try:
         for name in ("measured_js", "operating_state"):
-            until(lambda: count(f"{served}/{name}") == 1, f"{name} is seen")  # noqa: B023
+            eventually(lambda: count(f"{served}/{name}") == 1, f"{name} is seen")  # noqa: B023
         with connect(served, node=mine.node, timeout=1.0) as arm:
             with pytest.raises(DataTimeout, match=r"is it spun"):
                 arm.measured_js(wait=0.2)
@@ -149,7 +149,7 @@ def test_a_device_without_a_manifest() -> None:
         with connect("PSM1") as arm:
             assert arm.manifest == {}
             names = {"measured_js", "move_jp", "jaw/measured_js", "jaw/servo_jp"}
-            until(lambda: names <= set(arm.crtk_commands), "they are found")
+            eventually(lambda: names <= set(arm.crtk_commands), "they are found")
             assert list(arm.measured_jp()) == [1.0, 2.0]
             assert list(arm.jaw.measured_jp()) == [0.3]
             arm.enable(timeout=LONG)
@@ -157,8 +157,8 @@ def test_a_device_without_a_manifest() -> None:
             assert arm.move_jp([0.5, 0.6]).wait(LONG)
             assert moved == [0.5, 0.6]
             arm.jaw.servo_jp([0.2])
-            until(lambda: moved == [0.5, 0.6, 0.2], "the jaw was told")
-            until(lambda: "measured_cp" in arm.crtk_commands, "it is found, too")
+            eventually(lambda: moved == [0.5, 0.6, 0.2], "the jaw was told")
+            eventually(lambda: "measured_cp" in arm.crtk_commands, "it is found, too")
             with pytest.raises(AttributeError, match=r"TransformStamped.* never meet"):
                 arm.measured_cp  # noqa: B018 - asking is the test
             with pytest.raises(AttributeError, match=r"does not offer servo_jp"):
@@ -220,7 +220,7 @@ def test_every_command_of_the_table_is_sent_and_received() -> None:
                 else:
                     method(arm, name)(values.get(payload, [0.0] * 6))
             arm.enable()
-            until(lambda: set(seen) == set(sent), "each has arrived")
+            eventually(lambda: set(seen) == set(sent), "each has arrived")
             for name, command in COMMANDS.items():
                 if command.direction is Direction.PUBLISHED and name != "operating_state":
                     assert method(arm, name)(wait=LONG) is not None, name
@@ -236,9 +236,9 @@ def test_what_is_missing_is_named(served: str) -> None:
             arm.check_connections()
             half.node.destroy_publisher(publisher)
             half.node.destroy_subscription(listener)
-            until(lambda: not arm.crtk_commands, "they are gone")
+            eventually(lambda: not arm.crtk_commands, "they are gone")
             ends = arm._space.all_endpoints()
-            until(lambda: not any(end.connected for end in ends), "each end knows that")
+            eventually(lambda: not any(end.connected for end in ends), "each end knows that")
             with pytest.raises(ConnectionFailed) as info:
                 arm.check_connections(timeout=0.2)
             assert re.search("nobody publishes /half/measured_cp", str(info.value))
@@ -262,10 +262,12 @@ def test_a_driver_that_starts_again(start: Start) -> None:
     with driver_process(start, "/client_restart") as again:
         first = again()
         with connect("/client_restart", timeout=LONG) as arm:
-            until(lambda: enabled(arm), "it can be enabled")
+            eventually(lambda: enabled(arm), "it can be enabled")
             arm.add("servo_jp", "measured_js")
             arm.trajectory_j.set_ratio(SLOWLY)
-            until(lambda: arm.trajectory_j.ratio() == SLOWLY, "it is not over before the driver is")
+            eventually(
+                lambda: arm.trajectory_j.ratio() == SLOWLY, "it is not over before the driver is"
+            )
             move = arm.move_jp([0.9, 0.0, 0.0, 0.0])
             first.terminate()
             # either its last status or its silence is heard first
@@ -273,12 +275,12 @@ def test_a_driver_that_starts_again(start: Start) -> None:
                 move.wait()
             first.wait(LONG)
             with pytest.raises(ConnectionLost, match=r"nobody listens"):
-                until(lambda: arm.servo_jp([0.0] * 4) is not None, "it is gone")
+                eventually(lambda: arm.servo_jp([0.0] * 4) is not None, "it is gone")
             with pytest.raises(ConnectionLost, match=r"nobody publishes"):
-                until(lambda: arm.operating_state() is None, "that is gone, too")
+                eventually(lambda: arm.operating_state() is None, "that is gone, too")
             again()
             arm.check_connections(timeout=LONG)
-            until(lambda: enabled(arm), "the new one can be enabled")
+            eventually(lambda: enabled(arm), "the new one can be enabled")
             assert arm.move_jp([0.05, 0.0, 0.0, 0.0]).wait(LONG)
             assert abs(arm.setpoint_jp()[0] - 0.05) < 1e-3
 

@@ -24,8 +24,7 @@ from crtk_drivers.errors import (
 from crtk_drivers.samples import JointState, Matrix, Pose, Twist, Wrench
 from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Far, Node, far_device
-from rigs.loopback_node import until
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 @pytest.fixture(scope="module")
@@ -75,13 +74,17 @@ def test_feedback_has_the_types_of_the_local_device(far: Far, name: str, kind: t
 def test_feedback_is_what_the_device_measured(far: Far) -> None:
     far.arm.enable()
     far.arm.move_jp([0.1, 0.2, 0.0, 0.3]).wait(LONG)
-    until(lambda: np.allclose(far.arm.measured_jp(), [0.1, 0.2, 0.0, 0.3], atol=1e-3), "arrived")
+    eventually(
+        lambda: np.allclose(far.arm.measured_jp(), [0.1, 0.2, 0.0, 0.3], atol=1e-3), "arrived"
+    )
     value, stamp = far.arm.measured_js(extra=True)
     assert value.name == ("x", "y", "z", "yaw")
     assert abs(stamp - time.time()) < 5.0
     assert far.arm.measured_jv().shape == far.arm.measured_jf().shape == (4,)
     local = far.arm.local
-    until(lambda: np.allclose(local.measured_cp().position, value.position[:3], atol=1e-3), "too")
+    eventually(
+        lambda: np.allclose(local.measured_cp().position, value.position[:3], atol=1e-3), "too"
+    )
     assert np.allclose(far.arm.goal_js().position, [0.1, 0.2, 0.0, 0.3])
     assert np.allclose(far.arm.goal_cp().position, [0.1, 0.2, 0.0])
     assert far.arm.jacobian().values.shape == (6, 4)
@@ -106,8 +109,8 @@ def test_data_that_is_too_old_is_not_taken(far: Far) -> None:
     far.arm.measured_js()
     far.device.silent = True
     with pytest.raises(DataTimeout, match=r"measured_js: nothing valid and newer than 0.05 s"):
-        until(lambda: far.arm.measured_js(age=0.05, wait=0.0) is None, "never")
-    until(lambda: nothing_for(0.2, far), "what was on its way has arrived")
+        eventually(lambda: far.arm.measured_js(age=0.05, wait=0.0) is None, "never")
+    eventually(lambda: nothing_for(0.2, far), "what was on its way has arrived")
     assert far.arm.measured_js(age=0).position.size == 4
     far.device.silent = False
     assert far.arm.measured_js(wait=LONG).position.size == 4
@@ -116,7 +119,7 @@ def test_data_that_is_too_old_is_not_taken(far: Far) -> None:
 def test_waiting_ends_with_the_first_valid_value(far: Far) -> None:
     far.device.silent = True
     with pytest.raises(DataTimeout):
-        until(lambda: far.arm.measured_cp(wait=0.0) is None, "never")
+        eventually(lambda: far.arm.measured_cp(wait=0.0) is None, "never")
     threading.Timer(0.3, lambda: setattr(far.device, "silent", False)).start()
     assert far.arm.measured_cp(wait=LONG).position.size == 3
 
@@ -152,7 +155,7 @@ def test_state_commands(far: Far) -> None:
     with pytest.raises(CommandRefused, match="needs no homing"):
         arm.unhome()
     assert arm.is_homed()
-    until(lambda: not arm.is_busy(), "the pulse of what was refused is over")
+    eventually(lambda: not arm.is_busy(), "the pulse of what was refused is over")
     arm.disable()
     assert not arm.is_enabled()
 
@@ -181,7 +184,7 @@ def test_a_refused_stream_raises_at_its_next_command(far: Far) -> None:
         return False
 
     with pytest.raises(CommandRefused, match=r"servo_jp refused .*DISABLED") as info:
-        until(stream, "never")
+        eventually(stream, "never")
     assert info.value.reason is Reason.NOT_ENABLED
 
 
@@ -205,15 +208,15 @@ def test_streams_move_the_device(far: Far) -> None:
     for step in range(20):
         far.arm.servo_jr([0.0003, 0.0, 0.0, 0.0])
         assert step >= 0
-    until(lambda: abs(far.arm.measured_jp()[0] - 0.006) < 1e-4, "all increments arrived")
-    until(lambda: far.engine.health().stream == "", "the stream has ended")
+    eventually(lambda: abs(far.arm.measured_jp()[0] - 0.006) < 1e-4, "all increments arrived")
+    eventually(lambda: far.engine.health().stream == "", "the stream has ended")
     time.sleep(0.15)  # two streams may not mix
 
     def velocity() -> bool:
         far.arm.servo_jv([0.0, 0.05, 0.0, 0.0])
         return bool(far.arm.measured_jp()[1] > 0.005)
 
-    until(velocity, "it moves with the velocity")
+    eventually(velocity, "it moves with the velocity")
 
 
 def until_refused(far: Far, name: str, send: Callable[[], None], words: str) -> None:
@@ -228,8 +231,8 @@ def until_refused(far: Far, name: str, send: Callable[[], None], words: str) -> 
         return False
 
     with pytest.raises(CommandRefused, match=words):
-        until(step, "the refusal")
-    until(lambda: refused.count(name) == len(sent), "each is refused, and none later")
+        eventually(step, "the refusal")
+    eventually(lambda: refused.count(name) == len(sent), "each is refused, and none later")
     end()
 
 
@@ -259,11 +262,11 @@ def test_events(far: Far) -> None:
         far.arm.on("measured_cp", lambda value, stamp: poses.append(stamp)),
     ]
     far.arm.enable()
-    until(lambda: any(s.state is OperatingState.ENABLED for s in states), "the state is told")
+    eventually(lambda: any(s.state is OperatingState.ENABLED for s in states), "the state is told")
     with pytest.raises(CommandRefused):
         far.arm.move_jp([9.0, 0.0, 0.0, 0.0])
-    until(lambda: any(r.command == "move_jp" for r in refusals), "the refusal is told")
-    until(lambda: len(set(poses)) > 3, "the poses are told")
+    eventually(lambda: any(r.command == "move_jp" for r in refusals), "the refusal is told")
+    eventually(lambda: len(set(poses)) > 3, "the poses are told")
     for stop in end:
         stop()
     far.arm.disable()
@@ -282,7 +285,7 @@ def test_a_callback_cannot_wait_for_what_it_holds_up(far: Far) -> None:
 
     far.arm.measured_js()
     stop = far.arm.on("measured_cp", impatient)
-    until(lambda: bool(problems), "it is told so at once")
+    eventually(lambda: bool(problems), "it is told so at once")
     stop()
     assert "inside a callback" in str(problems[0])
 
@@ -311,8 +314,8 @@ def test_many_threads_at_once(far: Far) -> None:
 def test_settings_are_numbers(far: Far) -> None:
     far.arm.trajectory_j.set_ratio(0.5)
     far.arm.trajectory_j.set_ratio_a(0.25)
-    until(lambda: far.arm.trajectory_j.ratio() == 0.25, "the lesser of the two")
-    until(lambda: far.arm.trajectory_j.ratio_v() == 0.5, "that of the velocity stays")
+    eventually(lambda: far.arm.trajectory_j.ratio() == 0.25, "the lesser of the two")
+    eventually(lambda: far.arm.trajectory_j.ratio_v() == 0.5, "that of the velocity stays")
 
     until_refused(
         far,
@@ -321,7 +324,7 @@ def test_settings_are_numbers(far: Far) -> None:
         "is no ratio",
     )
     far.arm.trajectory_j.set_ratio(1.0)
-    until(lambda: far.arm.trajectory_j.ratio() == 1.0, "both")
+    eventually(lambda: far.arm.trajectory_j.ratio() == 1.0, "both")
 
 
 def test_commands_in_the_frame_of_the_tool(far: Far) -> None:
@@ -329,7 +332,7 @@ def test_commands_in_the_frame_of_the_tool(far: Far) -> None:
     far.arm.move_jp([0.0, 0.0, 0.0, math.pi / 2]).wait(LONG)
     far.arm.body.move_cr([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).wait(LONG)
     goal = [0.0, 0.1, 0.0, math.pi / 2]
-    until(lambda: np.allclose(far.arm.setpoint_jp(age=0), goal, atol=1e-6), "arrived")
+    eventually(lambda: np.allclose(far.arm.setpoint_jp(age=0), goal, atol=1e-6), "arrived")
     assert far.arm.body.jacobian(age=0).values.shape == (6, 4)
 
 
@@ -337,7 +340,7 @@ def test_what_is_not_published_reliably_is_heard_too(far: Far) -> None:
     """As cameras do, and devices of other makers may."""
     with Node("hasty") as other:
         told = other.node.create_publisher(Text, "/hasty/told", qos_profile_sensor_data)
-        until(lambda: far.arm._space.link.publishers("/hasty/told") == 1, "it is found")
+        eventually(lambda: far.arm._space.link.publishers("/hasty/told") == 1, "it is found")
         heard = threading.Event()
         end = far.arm.on_message("/hasty/told", lambda message: heard.set())
 
@@ -345,5 +348,5 @@ def test_what_is_not_published_reliably_is_heard_too(far: Far) -> None:
             told.publish(Text(data="here"))
             return heard.is_set()
 
-        until(tell, "it is heard")
+        eventually(tell, "it is heard")
         end()

@@ -27,8 +27,7 @@ from crtk_drivers.ros import qos
 from crtk_drivers.samples import JointState, Number, Text, vector
 from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Node
-from rigs.loopback_node import until
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 SIX = JointState(vector([0.5] * 6))
 HEARD = (
@@ -146,11 +145,11 @@ def ends() -> Iterator[tuple[RemoteDevice, Other]]:
 def test_feedback_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
     arm, other = ends
     inbox = arm._space.connected("measured_js")
-    until(other.joints.get_subscription_count, "they have met")
+    eventually(other.joints.get_subscription_count, "they have met")
     bad = (*BAD.values(), unlike_sizes())
     for number, data in enumerate(bad):
         other.joints.publish(joints(number))
-        until(lambda n=number: float(arm.measured_jp(age=0, wait=LONG)[0]) == n, "it is heard")
+        eventually(lambda n=number: float(arm.measured_jp(age=0, wait=LONG)[0]) == n, "it is heard")
         before = inbox.unreadable
         other.joints.publish(data)
 
@@ -158,19 +157,19 @@ def test_feedback_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
             inbox.readable()
             return bool(inbox.unreadable > before)
 
-        until(told, "it was looked at")
+        eventually(told, "it was looked at")
     with pytest.raises(DataTimeout, match=r"measured_js: .*different sizes.*same definition"):
         arm.measured_js(age=0, wait=0.0)
     other.joints.publish(joints(9.0))
-    until(lambda: float(arm.measured_jp(age=0, wait=LONG)[0]) == 9.0, "it goes on")
+    eventually(lambda: float(arm.measured_jp(age=0, wait=LONG)[0]) == 9.0, "it goes on")
 
 
 def test_what_was_never_anything_else_is_told_over_dds(ends: tuple[RemoteDevice, Other]) -> None:
     arm, other = ends
     inbox = arm._space.connected("setpoint_js")
-    until(other.setpoint.get_subscription_count, "they have met")
+    eventually(other.setpoint.get_subscription_count, "they have met")
     other.setpoint.publish(b"")
-    until(lambda: inbox.unreadable == 1, "it was looked at")
+    eventually(lambda: inbox.unreadable == 1, "it was looked at")
     with pytest.raises(DataTimeout, match=r"setpoint_js: it begins with nothing"):
         arm.setpoint_js(age=0, wait=0.0)
 
@@ -182,7 +181,7 @@ def test_operating_state_and_refusals_over_dds(ends: tuple[RemoteDevice, Other])
         b"ENABLED", b"EXPLODE"
     )
     refusals = tracker.subscribe()[1]
-    until(other.told.get_subscription_count, "they have met")
+    eventually(other.told.get_subscription_count, "they have met")
     for box, publisher, data in (
         (tracker.inbox, other.state, unknown),
         (tracker.inbox, other.state, unknown[:-9]),
@@ -190,7 +189,7 @@ def test_operating_state_and_refusals_over_dds(ends: tuple[RemoteDevice, Other])
     ):
         before = box.unreadable
         publisher.publish(data)
-        until(lambda box=box, before=before: box.unreadable > before, "it was looked at")
+        eventually(lambda box=box, before=before: box.unreadable > before, "it was looked at")
         assert tracker.latest.state is OperatingState.ENABLED
     other.state.publish(cdr.encode(Status(OperatingState.PAUSED), time.time_ns()))
     assert arm.wait_for_status(lambda status: status.state is OperatingState.PAUSED, LONG)
@@ -204,7 +203,7 @@ def test_messages_of_any_type_over_dds(ends: tuple[RemoteDevice, Other]) -> None
         for data in (b"", b"\x00\x01\x00\x00\xff\xff\xff\x7f", bytes(3)):
             other.told.publish(data)
         other.told.publish(String(data="last"))
-        until(lambda: bool(heard), "the good one is heard")
+        eventually(lambda: bool(heard), "the good one is heard")
         assert heard == [String(data="last")]
     finally:
         end()

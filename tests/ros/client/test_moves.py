@@ -17,8 +17,8 @@ from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import Pose
 from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Far, far_device
-from rigs.loopback_node import slowly, until
-from rigs.waiting import LONG
+from rigs.loopback_node import slowly
+from rigs.waiting import LONG, eventually
 
 HERE = [0.0, 0.0, 0.0, 0.0]
 THERE = [0.1, 0.0, 0.05, 0.2]
@@ -115,13 +115,17 @@ def test_relative_and_cartesian_moves(far: Far) -> None:
     far.arm.enable()
     assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(LONG)
     assert far.arm.move_jr([0.02, 0.0, 0.0, 0.0]).wait(LONG)
-    until(lambda: np.allclose(far.arm.setpoint_jp(), [0.04, 0.0, 0.0, 0.0], atol=1e-6), "the end")
-    until(lambda: np.allclose(far.arm.setpoint_cp().position, [0.04, 0.0, 0.0], atol=1e-6), "too")
+    eventually(
+        lambda: np.allclose(far.arm.setpoint_jp(), [0.04, 0.0, 0.0, 0.0], atol=1e-6), "the end"
+    )
+    eventually(
+        lambda: np.allclose(far.arm.setpoint_cp().position, [0.04, 0.0, 0.0], atol=1e-6), "too"
+    )
     pose = far.arm.setpoint_cp()
     goal = Pose(pose.position + np.array([0.0, 0.0, 0.05]), pose.orientation, pose.frame_id)
     assert far.arm.move_cp(goal).wait(LONG)
     goal_jp = [0.04, 0.0, 0.05, 0.0]
-    until(lambda: np.allclose(far.arm.setpoint_jp(), goal_jp, atol=1e-3), "the joints, too")
+    eventually(lambda: np.allclose(far.arm.setpoint_jp(), goal_jp, atol=1e-3), "the joints, too")
 
 
 def test_a_refused_move_raises_from_the_call(far: Far) -> None:
@@ -222,7 +226,9 @@ def test_two_clients_see_the_same(far: Far, second: RemoteDevice) -> None:
     second.enable()
     assert far.arm.wait_for_operating_state("ENABLED", LONG)
     assert second.move_jp(THERE).wait(LONG)
-    until(lambda: np.allclose(far.arm.setpoint_jp(), THERE, atol=1e-3), "the first sees it too")
+    eventually(
+        lambda: np.allclose(far.arm.setpoint_jp(), THERE, atol=1e-3), "the first sees it too"
+    )
 
 
 def test_slow_transitions() -> None:
@@ -271,7 +277,7 @@ def _lost_meanwhile(far: Far) -> None:
 def _until_enabling(far: Far) -> None:
     """Of a `disable`, which is sent twice, the second may be carried out late."""
     transitions = far.engine._transitions
-    until(lambda: transitions.leads_to is OperatingState.ENABLED, "enable is running")
+    eventually(lambda: transitions.leads_to is OperatingState.ENABLED, "enable is running")
 
 
 def _refused_for_somebody_else(far: Far) -> None:

@@ -16,8 +16,7 @@ from crtk_drivers.client import connect
 from crtk_drivers.client.ros_link import Link, wait_connected
 from crtk_drivers.errors import DataTimeout
 from rigs.beside import beside
-from rigs.loopback_node import until
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 SERVICE, UNANSWERED = "/lossy/operating_state", "/unanswered/operating_state"
 
@@ -87,18 +86,20 @@ def test_what_stops_is_sent_before_anything_is_asked() -> None:
     try:
         mute.start()
         with connect("/mute", timeout=LONG) as arm:
-            until(lambda: {"hold", "state_command"} <= set(arm.crtk_commands), "they are found")
+            eventually(
+                lambda: {"hold", "state_command"} <= set(arm.crtk_commands), "they are found"
+            )
             arm.add("hold", "state_command")
             with beside(lambda over: arm.hold()):
-                until(lambda: "hold" in heard, "it is told to hold, though it tells nothing")
+                eventually(lambda: "hold" in heard, "it is told to hold, though it tells nothing")
                 speaks.set()
                 answers.set()
             answers.clear()
             speaks.clear()
             with beside(lambda over: arm.disable(timeout=LONG)):
-                until(lambda: "disable" in heard, "it is told to end")
+                eventually(lambda: "disable" in heard, "it is told to end")
                 asked = arm._space.link.state_caller("/mute/operating_state")
-                until(
+                eventually(
                     lambda: asked._client._pending_requests, "it asks how the device is, after that"
                 )
                 answers.set()

@@ -14,8 +14,8 @@ from crtk_drivers import CommandRefused, JointState, Pose
 from crtk_drivers.errors import DataTimeout, KinematicsError, MotionAborted, Reason
 from crtk_drivers.state import OperatingState
 from rigs.loopback_client import far_device
-from rigs.loopback_node import SLOWLY, until
-from rigs.waiting import LONG
+from rigs.loopback_node import SLOWLY
+from rigs.waiting import LONG, eventually
 
 
 @contextmanager
@@ -33,7 +33,7 @@ def remote() -> Iterator[Any]:
 def refused(call: Callable[[], Any]) -> Reason:
     """The reason of a refusal, which a stream over ROS tells at its next command."""
     try:
-        until(lambda: call() is NotImplemented, "never")
+        eventually(lambda: call() is NotImplemented, "never")
     except CommandRefused as refusal:
         return refusal.reason
     raise AssertionError("not refused")
@@ -90,7 +90,7 @@ def test_the_same_script(open_arm: Callable[[], Any]) -> None:
 
         # pre-empted and held
         arm.trajectory_j.set_ratio(SLOWLY)
-        until(lambda: arm.trajectory_j.ratio() == SLOWLY, "neither is over before it is ended")
+        eventually(lambda: arm.trajectory_j.ratio() == SLOWLY, "neither is over before it is ended")
         first = arm.move_jp([-0.9, 0.0, 0.0, 0.0])
         second = arm.move_jp([0.9, 0.0, 0.0, 0.0])
         with pytest.raises(MotionAborted, match="pre-empted"):
@@ -101,11 +101,11 @@ def test_the_same_script(open_arm: Callable[[], Any]) -> None:
         arm.trajectory_j.set_ratio(1.0)
 
         # streams
-        until(lambda: np.abs(arm.measured_jv()).max() < 1e-3, "it stands")
+        eventually(lambda: np.abs(arm.measured_jv()).max() < 1e-3, "it stands")
         begin = arm.setpoint_jp()
         for step in range(1, 11):
             arm.servo_jp(begin + 0.001 * step)
-        until(lambda: np.allclose(arm.measured_jp(), begin + 0.01, atol=1e-3), "it follows")
+        eventually(lambda: np.allclose(arm.measured_jp(), begin + 0.01, atol=1e-3), "it follows")
 
         # kinematics
         there = arm.forward_kinematics([0.1, 0.2, 0.3, 0.4])

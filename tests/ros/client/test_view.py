@@ -26,10 +26,10 @@ from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.samples import JointState, Wrench, vector
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
 from rigs.loopback_client import Node
-from rigs.loopback_node import serve, slowly, until
+from rigs.loopback_node import serve, slowly
 from rigs.view_page import ViewPage, device_of
 from rigs.viewed_arm import Viewed, viewed_arm
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 ARM = "/view_arm"
 FIRST_JOINT = np.array([1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -66,7 +66,7 @@ def store(page: ViewPage, name: str) -> str:
         told = page.command(do="store", device=ARM, name=name)
         return None if "not known now" in told else (told,)
 
-    (answer,) = until(answered, "it is known where the arm is")
+    (answer,) = eventually(answered, "it is known where the arm is")
     return str(answer)
 
 
@@ -97,7 +97,7 @@ def test_the_chain_of_the_description_leads_to_the_tool(arm: Viewed, page: ViewP
     chain = device_of(page.scene(), ARM)["chain"]
     goal = arm.joints().position + 0.01
     arm.engine.submit("servo_jp", JointState(vector(goal)))
-    until(lambda: np.allclose(arm.joints().position, goal, atol=1e-3), "it is there")
+    eventually(lambda: np.allclose(arm.joints().position, goal, atol=1e-3), "it is there")
     arm.stands()
     live = page.until(
         lambda found: np.allclose(found["devices"][ARM]["q"], arm.joints().position, atol=1e-9)
@@ -161,7 +161,7 @@ def test_a_refusal_is_shown_with_its_remedy(page: ViewPage) -> None:
 def test_values_are_left_when_nobody_looks(arm: Viewed, monkeypatch: pytest.MonkeyPatch) -> None:
     (device,) = arm.watcher
     monkeypatch.setattr(watching, "UNWATCHED", 0.0)
-    until(lambda: not device.look(), "it is not looked at any more")
+    eventually(lambda: not device.look(), "it is not looked at any more")
     monkeypatch.undo()
     with ViewPage(arm.address) as browser:
         browser.until(lambda live: "measured_js" in live["devices"][ARM]["traces"])
@@ -173,7 +173,9 @@ def test_a_device_that_is_not_there_is_told() -> None:
 
     with Watcher(["/view_nobody"]) as watcher:
         shown = ShownDevices(watcher, {})
-        until(lambda: shown.live()["devices"]["/view_nobody"]["state"] == "silent", "it is told")
+        eventually(
+            lambda: shown.live()["devices"]["/view_nobody"]["state"] == "silent", "it is told"
+        )
         assert shown.command(1, {"do": "enable", "device": "/view_nobody"}) != ""
 
 
@@ -213,12 +215,12 @@ def test_another_makers_device_is_found_by_its_topics(shared_arm: Viewed) -> Non
                 force = device.get("force")
                 return device.get("state") == "ENABLED" and force is not None and "tool" in device
 
-            until(found, "the stranger is shown")
-            until(
+            eventually(found, "the stranger is shown")
+            eventually(
                 lambda: shown.live()["devices"]["/view_stranger"]["force"] == felt_there,
                 "its force",
             )
-            until(lambda: ARM in shown.live()["devices"], "so is ours")
+            eventually(lambda: ARM in shown.live()["devices"], "so is ours")
 
 
 def test_a_sensor_on_an_arm_is_felt_at_its_tool(arm: Viewed) -> None:
@@ -254,13 +256,13 @@ def test_a_publisher_never_waits_for_who_looks(arm: Viewed) -> None:
             seen = sampled.look()
             return seen if seen is not None and seen.wall_ns else None
 
-        first = until(valid, "there is a value")
+        first = eventually(valid, "there is a value")
         others = link.inbox(f"{ARM}/measured_js", JointMessage, latched=False)
-        until(
+        eventually(
             lambda: others.latest is not None and others.latest.wall_ns - first.wall_ns > 2e8,
             "twenty values have gone by",
         )
-        assert until(valid, "the newest").wall_ns - first.wall_ns > 1e8
+        assert eventually(valid, "the newest").wall_ns - first.wall_ns > 1e8
     finally:
         sampler.close()
 
@@ -270,10 +272,10 @@ def test_a_publisher_never_waits_for_who_looks(arm: Viewed) -> None:
 
 def test_it_is_enabled_and_disabled(arm: Viewed, page: ViewPage) -> None:
     assert page.command(do="disable", device=ARM) == ""
-    until(lambda: arm.engine.status.state == "DISABLED", "it is disabled")
+    eventually(lambda: arm.engine.status.state == "DISABLED", "it is disabled")
     arm.stands()  # until it has been told so for the second time
     assert page.command(do="enable", device=ARM) == ""
-    until(lambda: arm.engine.status.state == "ENABLED", "it is enabled")
+    eventually(lambda: arm.engine.status.state == "ENABLED", "it is enabled")
 
 
 @pytest.mark.parametrize(
@@ -392,18 +394,18 @@ def test_a_home_that_takes_long_is_held_when_its_page_has_gone(
         Watcher(["/view_homing"]) as watcher,
     ):
         engine = session.engine
-        until(lambda: engine.connected, "it is connected")
+        eventually(lambda: engine.connected, "it is connected")
         engine.state_command("enable")
-        until(lambda: engine.status.state == "ENABLED", "it is enabled")
+        eventually(lambda: engine.status.state == "ENABLED", "it is enabled")
         pilot = Pilot(next(iter(watcher)), told.append)
-        until(lambda: "home" in pilot.actions, "it can be homed")
+        eventually(lambda: "home" in pilot.actions, "it can be homed")
         pilot.prepare()
         pilot.do("home", 1, {})
-        until(pilot._device.is_busy, "it homes")
+        eventually(pilot._device.is_busy, "it homes")
         is_late.set()
         assert seen.wait(LONG)
         pilot.gone(1)
-        until(lambda: not engine.status.is_busy, "it is held")
+        eventually(lambda: not engine.status.is_busy, "it is held")
         assert told[0] == "/view_homing: home is held: the page has gone"
         assert engine.status.state == "ENABLED"
         pilot.close()
@@ -532,7 +534,7 @@ def test_hold_ends_also_what_another_page_begins_in_that_moment(
     pilot._begin(0, "a move", lambda: is_insisted.wait(LONG))
     holding.join(LONG)
     assert is_insisted.wait(0.5 * LONG)
-    until(lambda: not pilot._activity or not pilot._activity.thread.is_alive(), "it has ended")
+    eventually(lambda: not pilot._activity or not pilot._activity.thread.is_alive(), "it has ended")
 
 
 def test_it_goes_to_a_pose_that_was_stored_and_hold_stops_it(arm: Viewed, page: ViewPage) -> None:
@@ -551,8 +553,8 @@ def test_it_goes_to_a_pose_that_was_stored_and_hold_stops_it(arm: Viewed, page: 
         arm.stands()
     assert not np.allclose(arm.joints().position, start, atol=0.01)
     assert not np.allclose(arm.joints().position, far, atol=9e-4)
-    until(lambda: page.command(do="go", device=ARM, name="start") == "", "it may go again")
-    until(lambda: np.allclose(arm.joints().position, start, atol=1e-3), "it is there")
+    eventually(lambda: page.command(do="go", device=ARM, name="start") == "", "it may go again")
+    eventually(lambda: np.allclose(arm.joints().position, start, atol=1e-3), "it is there")
     arm.stands()
 
 
@@ -567,7 +569,9 @@ def test_a_move_is_held_when_the_page_goes_that_began_it(arm: Viewed, tokens: li
         arm.stands()
         far = arm.joints().position
         with slowly(arm.engine):
-            until(lambda: going.command(do="go", device=ARM, name="near") == "", "none is left")
+            eventually(
+                lambda: going.command(do="go", device=ARM, name="near") == "", "none is left"
+            )
             arm.moves(far)
             for token in tokens:
                 assert going.ask({"token": token}) == {"control": False}
@@ -604,10 +608,10 @@ def test_where_a_silent_device_was_is_no_pose() -> None:
                     return "not known now" in str(refused)
                 return False
 
-            until(lambda: not is_refused(), "it tells where it is")
+            eventually(lambda: not is_refused(), "it tells where it is")
             assert pilot.poses == ("here",)
             silent.set()
-            until(is_refused, "nobody knows any more")
+            eventually(is_refused, "nobody knows any more")
 
 
 def test_poses_have_names_and_are_not_without_end(arm: Viewed, page: ViewPage) -> None:
@@ -620,7 +624,7 @@ def test_poses_have_names_and_are_not_without_end(arm: Viewed, page: ViewPage) -
 
 def test_what_is_not_enabled_does_not_jog_and_says_why(arm: Viewed, page: ViewPage) -> None:
     arm.engine.state_command("disable")
-    until(lambda: arm.engine.status.state == "DISABLED", "it is disabled")
+    eventually(lambda: arm.engine.status.state == "DISABLED", "it is disabled")
     before = arm.joints().position
     for _ in range(8):
         jog(page, 8)

@@ -10,8 +10,9 @@ import pytest
 
 from bench.browser import BROWSER, Browser
 from crtk_drivers.samples import JointState, vector
-from rigs.loopback_node import slowly, until
+from rigs.loopback_node import slowly
 from rigs.viewed_arm import Viewed, viewed_arm
+from rigs.waiting import eventually
 
 ARM = "/view_browser"
 FAR = np.array([1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -118,7 +119,7 @@ def test_a_page_that_is_closed_ends_the_jog(browser: Browser, arm: Viewed) -> No
     arm.moves()
     browser.call("Page.navigate", url="about:blank")
     arm.stands()
-    until(lambda: not any(pilot.jogs for pilot in arm.shown._pilots.values()), "it is over")
+    eventually(lambda: not any(pilot.jogs for pilot in arm.shown._pilots.values()), "it is over")
 
 
 def test_without_the_token_there_are_no_buttons(browser: Browser, arm: Viewed) -> None:

@@ -12,9 +12,9 @@ import pytest
 
 from crtk_drivers.client.conformance.probe import examining
 from crtk_drivers.client.ros_link import Link
-from rigs.loopback_node import Rig, until
+from rigs.loopback_node import Rig
 from rigs.programs import COMMAND, Start
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 Run = Callable[..., tuple[int, str, str]]
 MAIN = "import sys; from crtk_drivers.cli import main; sys.exit(main())"
@@ -81,7 +81,7 @@ def test_an_interrupt_holds_the_device_and_leaves_it_as_it_was(start: Start, rig
     pipe = subprocess.PIPE
     with start(COMMAND, *words, stdout=pipe, stderr=pipe) as process:
         try:
-            until(lambda: engine.status.state == "ENABLED", "it is enabled")
+            eventually(lambda: engine.status.state == "ENABLED", "it is enabled")
             process.send_signal(signal.SIGINT)
             out, err = process.communicate(timeout=LONG)
         finally:

@@ -11,9 +11,8 @@ import pytest
 
 from crtk_drivers.client import RemoteDevice, connect
 from rigs.dynamixel_bench import PATIENT
-from rigs.loopback_node import until
 from rigs.programs import COMMAND, Program, Start
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +28,7 @@ def driver(start: Start) -> Iterator[Program]:
 @pytest.fixture(scope="module")
 def arm(driver: Program) -> Iterator[RemoteDevice]:
     with connect("/dynamixel_arm", timeout=LONG) as arm:
-        until(lambda: arm.operating_state().state == "DISABLED", "connected")
+        eventually(lambda: arm.operating_state().state == "DISABLED", "connected")
         yield arm
 
 
@@ -44,8 +43,10 @@ def test_enable_move_and_disable_arm_and_gripper(arm: RemoteDevice) -> None:
     move = arm.move_jp(goal)
     arm.gripper.move_jp(opening + 0.01).wait(LONG)
     move.wait(LONG)
-    until(lambda: np.abs(arm.measured_js(wait=LONG).position - goal).max() < 6e-3, "there")
-    until(lambda: abs(arm.gripper.measured_js().position - opening - 0.01).max() < 3e-4, "open")
+    eventually(lambda: np.abs(arm.measured_js(wait=LONG).position - goal).max() < 6e-3, "there")
+    eventually(
+        lambda: abs(arm.gripper.measured_js().position - opening - 0.01).max() < 3e-4, "open"
+    )
     assert arm.measured_cp(wait=LONG).position.size == 3
     arm.gripper.disable(LONG)
     assert arm.is_enabled()

@@ -11,9 +11,9 @@ pytest.importorskip("rclpy")
 from crtk_driver_ndi import PLUGIN
 from crtk_drivers.cli import main
 from crtk_drivers.client import connect
-from rigs.loopback_node import serve, until
+from rigs.loopback_node import serve
 from rigs.ndi_bench import configuration, simulated
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 WIRED = [
     {"name": "pointer", "part_number": "SIM-POINTER"},
@@ -45,7 +45,7 @@ def test_a_tip_is_calibrated_from_what_a_tracker_tells_and_a_place_where_it_stan
         serve(configuration(sim, tools=WIRED), "/ndi_pivot", [], plugin=PLUGIN) as (session, _),
     ):
         session.engine.state_command("enable")
-        until(lambda: session.engine.transition_ended, "it tracks")
+        eventually(lambda: session.engine.transition_ended, "it tracks")
         kept = tmp_path / "pivot.csv"
         # Four seconds of this path may turn the tool about nearly one axis only.
         arguments = ["calibrate", "pivot", "/ndi_pivot/pointer", "--seconds", "6"]

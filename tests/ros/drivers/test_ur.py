@@ -17,10 +17,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
 from rigs import ur_watchdog
-from rigs.loopback_node import until
 from rigs.ros_client import stamp_ns
 from rigs.ur_node import UrRig, ur_on_ros
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -110,8 +109,8 @@ def test_a_servo_stream_is_followed_and_held(ur: UrRig) -> None:
             ur.client.send("servo_jp", JointState(position=goal.tolist()))
             return any(np.allclose(m.position, goal) for m in inbox.messages[since:])
 
-        until(is_told, "the setpoint is what was sent")
-    until(lambda: np.allclose(ur.joints(), target, atol=1e-3), "the arm follows and holds")
+        eventually(is_told, "the setpoint is what was sent")
+    eventually(lambda: np.allclose(ur.joints(), target, atol=1e-3), "the arm follows and holds")
 
 
 def test_nonsense_is_refused_with_a_reason_and_moves_nothing(ur: UrRig) -> None:
@@ -119,8 +118,8 @@ def test_nonsense_is_refused_with_a_reason_and_moves_nothing(ur: UrRig) -> None:
     engine = ur.session.engine
     engine.submit("hold")
     samples = engine.health().samples
-    until(lambda: engine.health().samples > samples + 3, "hold is carried out")
-    until(lambda: engine.device.takes_setpoints, "it has stopped")
+    eventually(lambda: engine.health().samples > samples + 3, "hold is carried out")
+    eventually(lambda: engine.device.takes_setpoints, "it has stopped")
     inbox = ur.client["measured_js"]
     inbox.wait(lambda m: not any(m.velocity), since=inbox.mark())
     before, sent = ur.joints(), engine.health().setpoints
@@ -140,7 +139,7 @@ def test_nonsense_is_refused_with_a_reason_and_moves_nothing(ur: UrRig) -> None:
             each = map(json.loads, [m.data for m in refusals.messages])
             return next((r for r in each if (r["command"], r["reason"]) == (name, reason)), None)
 
-        assert until(is_refused, f"{name} is {reason}")["remedy"]
+        assert eventually(is_refused, f"{name} is {reason}")["remedy"]
     assert engine.health().setpoints == sent
     assert ur.joints() == pytest.approx(before, abs=1e-6)
 
@@ -152,9 +151,9 @@ def test_an_emergency_stop_is_fault_with_its_reason_and_enable_recovers(ur: UrRi
     since = states.mark()
     ur.session.sim.control.inject("emergency_stop")
     states.wait(lambda m: m.state == "FAULT", since)
-    until(lambda: "emergency stop" in ur.session.engine.status.detail, "the reason is told")
+    eventually(lambda: "emergency stop" in ur.session.engine.status.detail, "the reason is told")
     ur.client.send("hold", Empty())
-    until(lambda: ur.session.sim.control.status()["robot_mode"] == "POWER_OFF", "power is cut")
+    eventually(lambda: ur.session.sim.control.status()["robot_mode"] == "POWER_OFF", "power is cut")
     ur.session.sim.control.clear("emergency_stop")
     ur.enabled()
 

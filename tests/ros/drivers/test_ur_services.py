@@ -13,9 +13,9 @@ from std_msgs.msg import Bool, Float64
 
 from crtk_drivers.ros import qos
 from crtk_drivers.session import Session
-from rigs.loopback_node import until
 from rigs.ros_client import RosClient
 from rigs.ur_node import ur_on_ros
+from rigs.waiting import eventually
 
 NAMESPACE = "/test_ros_ur_services"
 
@@ -33,7 +33,7 @@ def publish_until(client: RosClient, name: str, message: Any, reached) -> None:
         sender.publish(message)
         return bool(reached())
 
-    until(sent, name)
+    eventually(sent, name)
 
 
 def test_every_service_and_input_is_in_the_manifest(ur):
@@ -70,12 +70,12 @@ def test_signals_and_modes_are_topics(ur):
     session, client = ur
     mode = heard(client, "robot_mode", StringStamped)
     signal = heard(client, "digital_in_5", Bool)
-    until(lambda: mode and signal, "the readings")
+    eventually(lambda: mode and signal, "the readings")
     assert (mode[0].string, signal[0].data) == ("RUNNING", False)
     session.sim.control.inject("digital_inputs", bits=1 << 5)
-    until(lambda: signal[-1].data, "the signal")
+    eventually(lambda: signal[-1].data, "the signal")
     session.sim.control.clear("digital_inputs")
-    until(lambda: not signal[-1].data, "the signal")
+    eventually(lambda: not signal[-1].data, "the signal")
 
 
 def test_tool_and_programs_are_topics(ur):
@@ -84,7 +84,7 @@ def test_tool_and_programs_are_topics(ur):
     program = heard(client, "loaded_program", StringStamped)
     pose = PoseStamped()
     pose.pose.position.z, pose.pose.orientation.w = 0.15, 1.0
-    until(lambda: tool, "the tool")
+    eventually(lambda: tool, "the tool")
     inbox = client["measured_cp"]
     before = inbox.wait(lambda m: m.header.stamp.sec > 0).pose.position.z
     publish_until(

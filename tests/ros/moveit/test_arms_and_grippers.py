@@ -21,10 +21,11 @@ from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import PLUGIN as LOOPBACK
 from crtk_drivers.testing.loopback import LoopbackConfig
 from rigs.action_client import SUCCEEDED, ActionAsker, as_moveit
-from rigs.loopback_node import served, until
+from rigs.loopback_node import served
 from rigs.moveit_node import MOVEIT, MoveItRig
 from rigs.ros_client import Inbox
 from rigs.ur_bench import lenient, patient_config
+from rigs.waiting import eventually
 
 ALLOWED_START_TOLERANCE = 0.01
 PATIENT = {"sample_timeout": 3.0}
@@ -89,7 +90,7 @@ def test_the_gripper_behind_an_arm_has_its_own_actions() -> None:
         engine = rig.session.children["gripper"]
         rig.enabled()
         engine.state_command("enable")
-        until(lambda: engine.status.state is OperatingState.ENABLED, "the gripper is enabled")
+        eventually(lambda: engine.status.state is OperatingState.ENABLED, "the gripper is enabled")
         found = engine.feedback("measured_js")
         assert found is not None
         here = float(found[0].position[0])  # type: ignore[union-attr]

@@ -24,8 +24,8 @@ from rigs.action_client import (
     set_duration,
     trajectory_goal,
 )
-from rigs.loopback_node import until
 from rigs.moveit_node import MoveItRig, moveit_rig
+from rigs.waiting import eventually
 
 SPACE = "/followed"
 FOR_LONG = 15.0
@@ -69,12 +69,12 @@ def test_a_trajectory_is_gone_along_and_ends_in_success(rig: MoveItRig) -> None:
     assert (status, result.error_code) == (SUCCEEDED, 0)
     assert result.error_string == "Goal successfully reached!"
     assert rig.joints() == pytest.approx(rows[-1][1], abs=0.01)
-    until(lambda: not rig.engine.status.is_busy, "no longer busy")
+    eventually(lambda: not rig.engine.status.is_busy, "no longer busy")
 
 
 def test_feedback_tells_desired_actual_and_error(rig: MoveItRig) -> None:
     asked = rig.asker.ask(as_moveit(rig.names, offsets(rig, 0.0, 0.1, 0.2, every=FOR_LONG)))
-    until(lambda: len(asked.feedback) > 5, "feedback has come")
+    eventually(lambda: len(asked.feedback) > 5, "feedback has come")
     asked.cancel()
     asked.wait()
     for told in asked.feedback:
@@ -123,12 +123,12 @@ def test_a_goal_is_rejected_while_the_device_is_not_enabled(rig: MoveItRig) -> N
 
 def test_cancel_holds_and_ends_it_as_canceled(rig: MoveItRig) -> None:
     asked = rig.asker.ask(as_moveit(rig.names, offsets(rig, 0.0, 0.1, 0.2, every=FOR_LONG)))
-    until(lambda: bool(asked.feedback), "it is on its way")
+    eventually(lambda: bool(asked.feedback), "it is on its way")
     assert asked.cancel().return_code == CancelGoal.Response.ERROR_NONE
     status, _ = asked.wait()
     assert status == CANCELED
     here = rig.joints()
-    until(lambda: not rig.engine.status.is_busy, "no longer busy")
+    eventually(lambda: not rig.engine.status.is_busy, "no longer busy")
     assert rig.engine.status.state is OperatingState.ENABLED
     assert rig.joints() == pytest.approx(here, abs=0.02)
     again = asked.cancel()
@@ -167,7 +167,7 @@ def test_a_goal_tolerance_that_is_not_met_in_its_time_ends_it_with_its_code(rig:
 @pytest.mark.parametrize("stop", ["disable", "pause", "hold", "move_jp"])
 def test_what_else_ends_it_aborts_it_with_words(rig: MoveItRig, stop: str) -> None:
     asked = rig.asker.ask(as_moveit(rig.names, offsets(rig, 0.0, 0.1, 0.2, every=FOR_LONG)))
-    until(lambda: bool(asked.feedback), "it is on its way")
+    eventually(lambda: bool(asked.feedback), "it is on its way")
     if stop == "move_jp":
         rig.engine.submit(stop, JointState(position=vector(rig.joints())))
     elif stop == "hold":

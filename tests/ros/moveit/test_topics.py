@@ -22,10 +22,10 @@ from crtk_drivers.ros.serving import Serving
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
 from rigs.action_client import ABORTED, ActionAsker, as_moveit, set_duration
-from rigs.loopback_node import served, until
+from rigs.loopback_node import served
 from rigs.moveit_node import MoveItRig
 from rigs.ros_client import Inbox
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 SPACE = "/topics_of"
 PREFIX = "left_"
@@ -62,8 +62,8 @@ class Topics:
         ours = list(self.publishers.values())
         names = {publisher.topic_name for publisher in ours}
         theirs = [each for each in serving.driver.node.subscriptions if each.topic_name in names]
-        until(lambda: all(each.get_subscription_count() for each in ours), "it is found")
-        until(lambda: all(each.get_publisher_count() for each in theirs), "it has found them")
+        eventually(lambda: all(each.get_subscription_count() for each in ours), "it is found")
+        eventually(lambda: all(each.get_publisher_count() for each in theirs), "it has found them")
 
     def send(self, name: str, message: Any) -> None:
         self.publishers[name].publish(message)
@@ -124,8 +124,8 @@ def test_a_trajectory_on_the_topic_is_gone_along(topics: Topics) -> None:
     rows = [point(0.3 * i, positions=begin + 0.03 * i, velocities=rest) for i in range(3)]
     topics.send("joint_trajectory", topics.trajectory(*rows))
     there = pytest.approx(begin + 0.06, abs=0.01)
-    until(lambda: topics.rig.joints() == there, "it goes there")
-    until(lambda: not topics.rig.engine.status.is_busy, "it has gone")
+    eventually(lambda: topics.rig.joints() == there, "it goes there")
+    eventually(lambda: not topics.rig.engine.status.is_busy, "it has gone")
     assert topics.rig.joints() == there
 
 
@@ -137,12 +137,12 @@ def test_a_trajectory_on_the_topic_replaces_a_goal_and_an_empty_one_ends_it(topi
         topics.trajectory(),
     ):
         asked = topics.rig.asker.ask(as_moveit(topics.names, rows))
-        until(lambda: bool(asked.feedback), "it is on its way")  # noqa: B023
+        eventually(lambda: bool(asked.feedback), "it is on its way")  # noqa: B023
         topics.send("joint_trajectory", message)
         status, result = asked.wait()
         assert (status, result.error_code) == (ABORTED, -1)
         topics.rig.engine.submit("hold")
-        until(lambda: not topics.rig.engine.status.is_busy, "it has ended")
+        eventually(lambda: not topics.rig.engine.status.is_busy, "it has ended")
         rows = [(0.0, topics.rig.joints()), (FOR_LONG, topics.rig.joints() + 0.05)]
 
 
@@ -165,7 +165,7 @@ def stream(topics: Topics, name: str, message: Any, moved: Any) -> None:
         topics.send(name, message)
         return bool(moved())
 
-    until(sent, f"{name} moves it")
+    eventually(sent, f"{name} moves it")
     nonsense, refused = LAST[name]
 
     def heard() -> int:
@@ -173,8 +173,8 @@ def stream(topics: Topics, name: str, message: Any, moved: Any) -> None:
 
     before = heard()
     topics.send(name, nonsense)
-    until(lambda: heard() > before, "all of it has been heard")
-    until(lambda: not topics.rig.engine.health().stream, "the stream has ended")
+    eventually(lambda: heard() > before, "all of it has been heard")
+    eventually(lambda: not topics.rig.engine.health().stream, "the stream has ended")
 
 
 def test_points_of_servo_are_a_stream_of_positions_or_velocities(topics: Topics) -> None:
@@ -220,7 +220,7 @@ def test_a_stop_is_not_lost_behind_the_next_point_while_the_driver_is_held_up(
         topics.send("joint_trajectory", topics.trajectory(point(0.1, positions=here)))
         assert topics.publishers["joint_trajectory"].wait_for_all_acked(Duration(seconds=LONG))
         goes_on.set()
-        until(lambda: "interpolate_jp" in heard, "the point is heard")
+        eventually(lambda: "interpolate_jp" in heard, "the point is heard")
         assert heard == ["servo_jp", "hold", "interpolate_jp"]
     finally:
         goes_on.set()
@@ -232,7 +232,7 @@ def test_a_point_of_servo_that_is_too_old_is_refused(topics: Topics) -> None:
     late = topics.trajectory(point(0.034, positions=topics.rig.joints()))
     late.header.stamp.sec = 7
     topics.send("joint_trajectory", late)
-    until(lambda: "interpolate_jp: too_old" in engine.health().refusals, "it is refused")
+    eventually(lambda: "interpolate_jp: too_old" in engine.health().refusals, "it is refused")
     assert not engine.health().stream
 
 
@@ -276,4 +276,4 @@ def test_what_is_no_command_of_this_arm_is_refused(
 
     before = refused()
     topics.send(name, message)
-    until(lambda: refused() == before + 1, "it is refused")
+    eventually(lambda: refused() == before + 1, "it is refused")

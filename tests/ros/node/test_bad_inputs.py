@@ -20,7 +20,8 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
-from rigs.loopback_node import Rig, rig_of, until
+from rigs.loopback_node import Rig, rig_of
+from rigs.waiting import eventually
 
 NAN, INF = math.nan, math.inf
 
@@ -162,7 +163,7 @@ def test_a_stamp_that_is_none_silences_nothing(rig: Rig) -> None:
         rig.client.send("servo_jp", message)
         return rig.session.engine.health().stream == "servo_jp"
 
-    until(streams, "the command is carried out")
+    eventually(streams, "the command is carried out")
     for name in ("setpoint_js", "setpoint_cp", "measured_js"):
         inbox = rig.client[name]
         inbox.wait(since=inbox.mark() + 3)
@@ -189,13 +190,13 @@ def test_refused_while_enabled(rig: Rig, command: str, message: Any, reason: str
     rig.client.reach("enable", "ENABLED")
     writes, before = rig.device.writes, refusals(rig).get((command, reason), 0)
     rig.client.send(command, message)
-    until(lambda: refusals(rig).get((command, reason), 0) > before, "it is counted")
+    eventually(lambda: refusals(rig).get((command, reason), 0) > before, "it is counted")
     content = told(rig, command, reason, 0)
     assert content["message"]
     assert content["remedy"]
     # two cycles later nothing has been written
     cycles = rig.session.engine.health().cycles
-    until(lambda: rig.session.engine.health().cycles > cycles + 2, "two more cycles")
+    eventually(lambda: rig.session.engine.health().cycles > cycles + 2, "two more cycles")
     assert rig.device.writes == writes
     assert rig.client.state.state == "ENABLED"
     assert_alive(rig)
@@ -249,10 +250,10 @@ def test_nothing_moves_unless_enabled(rig: Rig, state: str, command: str, messag
         rig.client.reach("pause", "PAUSED")
     if state == "FAULT":
         rig.device.reachable = False
-    until(lambda: rig.session.engine.status.state == state, f"the device is in {state}")
+    eventually(lambda: rig.session.engine.status.state == state, f"the device is in {state}")
     writes, before = rig.device.writes, refusals(rig).get((command, "not_enabled"), 0)
     rig.client.send(command, message)
-    until(lambda: refusals(rig).get((command, "not_enabled"), 0) > before, "it is counted")
+    eventually(lambda: refusals(rig).get((command, "not_enabled"), 0) > before, "it is counted")
     assert told(rig, command, "not_enabled", 0)["remedy"]
     assert rig.device.writes == writes
 
@@ -262,7 +263,7 @@ def test_unknown_state_command(rig: Rig, text: str) -> None:
     """I13: exact match only, and the remedy lists what is valid."""
     before = refusals(rig).get(("state_command", "unknown_command"), 0)
     rig.client.send("state_command", StringStamped(string=text))
-    until(
+    eventually(
         lambda: refusals(rig).get(("state_command", "unknown_command"), 0) > before,
         "it is counted",
     )
@@ -284,7 +285,7 @@ def test_a_refused_state_command_is_told_with_its_stamp(rig: Rig) -> None:
 def test_invalid_transition(rig: Rig) -> None:
     before = refusals(rig).get(("state_command", "invalid_transition"), 0)
     rig.client.state_command("resume")
-    until(
+    eventually(
         lambda: refusals(rig).get(("state_command", "invalid_transition"), 0) > before,
         "it is counted",
     )
@@ -310,7 +311,7 @@ def test_flood_is_survived_and_the_newest_wins(rig: Rig) -> None:
         setpoint = rig.device.last_setpoint
         return setpoint is not None and setpoint.values[0] == 0.02
 
-    until(arrived, "the newest command is the setpoint")
+    eventually(arrived, "the newest command is the setpoint")
     assert rig.session.engine.health().cycles >= cycles
     assert rig.device.writes - writes < sent // 2, "a backlog was worked off"
 
@@ -327,14 +328,14 @@ def test_flood_of_refused_moves_keeps_pulse_and_rate(rig: Rig) -> None:
     elapsed = time.monotonic() - start
     assert messages < 10 + 30 * elapsed
     states = rig.client["operating_state"].messages
-    until(lambda: not any(m.is_busy for m in states[-2:]), "busy has fallen and stays so")
+    eventually(lambda: not any(m.is_busy for m in states[-2:]), "busy has fallen and stays so")
     heard = rig.client["refusals"].messages
 
     def count() -> int:  # some may still be on their way
         return refusals(rig)["move_jp", "not_enabled"]
 
     assert told(rig, "move_jp", "not_enabled", 0)["count"] <= count()
-    until(
+    eventually(
         lambda: any(json.loads(m.data)["count"] == count() for m in heard),
         "the last count is told when the interval is over",
     )
@@ -352,7 +353,7 @@ def test_move_during_homing(rig: Rig) -> None:
             slow.client.state_command("home")
             begun = inbox.messages.index(inbox.wait(lambda m: m.is_busy, since))
             slow.client.send("move_jp", joints(0.02, 0.0, 0.0, 0.0))
-            until(lambda: slow.session.engine._board.move_waits, "the move waits")
+            eventually(lambda: slow.session.engine._board.move_waits, "the move waits")
             return begun
 
         home_and_move()
@@ -364,7 +365,7 @@ def test_move_during_homing(rig: Rig) -> None:
         inbox.wait(lambda m: m.is_homed and m.is_busy, begun)
         inbox.wait(lambda m: not m.is_busy, begun)
         setpoints = slow.client["setpoint_js"].messages
-        until(lambda: max(setpoints[-1].position, default=0.0) > 0.019, "it is there")
+        eventually(lambda: max(setpoints[-1].position, default=0.0) > 0.019, "it is there")
         slow.client.state_command("unhome")
         inbox.wait(lambda m: not m.is_homed, inbox.mark())
         since = inbox.mark()
@@ -386,14 +387,14 @@ def test_two_clients_of_different_kinds(rig: Rig) -> None:
             rig.client.send("servo_jf", JointState(effort=[0.0, 0.0, 0.0, 0.0]))
         return refusals(rig).get(("servo_jf", "mode_switch"), 0) > before + 3
 
-    until(both, "servo_jf is refused")
+    eventually(both, "servo_jf is refused")
 
     def positions() -> bool:
         rig.client.send("servo_jp", joints(0.001, 0.0, 0.0, 0.0))
         setpoint = rig.device.last_setpoint
         return setpoint is not None and setpoint.mode == "joint position"
 
-    until(positions, "servo_jp goes on")
+    eventually(positions, "servo_jp goes on")
 
 
 @pytest.fixture(scope="module")
@@ -411,7 +412,7 @@ def test_age_of_commands(strict_rig: Rig, seconds: float, reason: str) -> None:
     assert told(strict_rig, "servo_jp", reason, 0)
     assert strict_rig.device.writes == writes
     strict_rig.client.send("servo_jp", joints(0.0, 0.0, 0.0, 0.0))  # no stamp: now
-    until(lambda: strict_rig.device.writes > writes, "an unstamped command is executed")
+    eventually(lambda: strict_rig.device.writes > writes, "an unstamped command is executed")
 
 
 def state_aged(text: str, seconds: float) -> StringStamped:
@@ -427,13 +428,15 @@ def test_age_of_what_sets_the_device_going(strict_rig: Rig, text: str) -> None:
     strict_rig.client.send(
         "state_command", state_aged("disable", 3600.0)
     )  # a stop is never too old
-    until(lambda: strict_rig.session.engine.status.state == "DISABLED", "disable is carried out")
+    eventually(
+        lambda: strict_rig.session.engine.status.state == "DISABLED", "disable is carried out"
+    )
     strict_rig.client.send("state_command", state_aged(text, 3600.0))
     assert told(strict_rig, "state_command", "too_old", since)
     assert strict_rig.session.engine.status.state == "DISABLED"
     strict_rig.client.reach("enable", "ENABLED")
     strict_rig.client.send("state_command", state_aged("pause", 3600.0))
-    until(lambda: strict_rig.session.engine.status.state == "PAUSED", "pause is carried out")
+    eventually(lambda: strict_rig.session.engine.status.state == "PAUSED", "pause is carried out")
     strict_rig.client.reach("resume", "ENABLED")
 
 

@@ -18,8 +18,8 @@ from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros import qos
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.loopback_client import Node
-from rigs.loopback_node import serve, until
-from rigs.waiting import LONG
+from rigs.loopback_node import serve
+from rigs.waiting import LONG, eventually
 
 
 def test_what_the_manifest_tells_of_is_waited_for() -> None:
@@ -95,11 +95,11 @@ def test_it_is_moved_through_the_client_of_the_device() -> None:
         connect("/children", timeout=LONG) as arm,
     ):
         gripper = session.children["gripper"]
-        until(lambda: gripper.connected, "the gripper is connected")
+        eventually(lambda: gripper.connected, "the gripper is connected")
         arm.gripper.enable(LONG)
         arm.gripper.move_jp([0.02, 0.0, 0.0, 0.0]).wait(LONG)
         # One that was sent before the last cycle of the motion may still be on its way.
-        until(
+        eventually(
             lambda: arm.gripper.setpoint_js(wait=LONG).position[0] == pytest.approx(0.02),
             "the gripper's setpoint is the goal",
         )
@@ -117,19 +117,19 @@ def test_one_without_a_state_has_none_on_ros_and_its_moves_are_told_by_that_of_t
         assert arm.manifest["followers"] == ["jaw"], "it has a manifest of its own"
         assert arm.jaw.manifest["commands"]["measured_js"]["name"] == "/psm/jaw/measured_js"
         arm.enable(LONG)
-        until(lambda: jaw.status.state == "ENABLED", "the jaw is enabled")
+        eventually(lambda: jaw.status.state == "ENABLED", "the jaw is enabled")
         assert arm.jaw.operating_state().state == "ENABLED"
         arm.jaw.move_jp([0.02, 0.0, 0.0, 0.0]).wait(LONG)
-        until(
+        eventually(
             lambda: arm.jaw.setpoint_js(wait=LONG).position[0] == pytest.approx(0.02),
             "the jaw's setpoint is the goal",
         )
         link = arm._space.link
         there = {"/psm/operating_state", "/psm/jaw/measured_js"}
-        until(lambda: there <= link.topics().keys(), "the topics are found")
+        eventually(lambda: there <= link.topics().keys(), "the topics are found")
         of_state = {"/psm/jaw/operating_state", "/psm/jaw/state_command"}
         assert not of_state & link.topics().keys()
-        until(lambda: "/psm/jaw/crtk_version" in link.services(), "the service is found")
+        eventually(lambda: "/psm/jaw/crtk_version" in link.services(), "the service is found")
         assert "/psm/jaw/operating_state" not in link.services()
 
 

@@ -12,7 +12,8 @@ from crtk_drivers.device import Steps
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros.senders import Sender
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.loopback_node import Rig, rig_of, until
+from rigs.loopback_node import Rig, rig_of
+from rigs.waiting import eventually
 
 
 class FreeDevice(LoopbackDevice):
@@ -40,7 +41,7 @@ class Pendant:
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("pendant", context=self.context, enable_rosout=False)
         self._publisher = self.node.create_publisher(Empty, f"{namespace}/free", 10)
-        until(lambda: self._publisher.get_subscription_count() == 1, "they have met")
+        eventually(lambda: self._publisher.get_subscription_count() == 1, "they have met")
 
     def let_go(self) -> None:
         self._publisher.publish(Empty())
@@ -72,14 +73,16 @@ def test_free_drive_ends_when_its_node_leaves(monkeypatch: pytest.MonkeyPatch) -
         rig.client.reach("enable", "ENABLED")
         pendant = Pendant("/tied")
         pendant.let_go()
-        until(lambda: is_free(rig), "it is free")
+        eventually(lambda: is_free(rig), "it is free")
         looked = len(looks)
-        until(lambda: len(looks) > looked + 4, "the graph was asked")
+        eventually(lambda: len(looks) > looked + 4, "the graph was asked")
         cycles = rig.session.engine.health().cycles
-        until(lambda: rig.session.engine.health().cycles > cycles + 4, "it knows what was answered")
+        eventually(
+            lambda: rig.session.engine.health().cycles > cycles + 4, "it knows what was answered"
+        )
         assert is_free(rig)
         pendant.leave()
-        until(lambda: not is_free(rig), "it holds")
+        eventually(lambda: not is_free(rig), "it holds")
         assert rig.client.state.state == "ENABLED"
 
 
@@ -88,6 +91,6 @@ def test_free_drive_ends_when_it_is_not_asked_for_again() -> None:
         rig.client.reach("enable", "ENABLED")
         pendant = Pendant("/asked")
         pendant.let_go()
-        until(lambda: device_of(rig).was_free, "it was free")
-        until(lambda: not is_free(rig), "it holds")
+        eventually(lambda: device_of(rig).was_free, "it was free")
+        eventually(lambda: not is_free(rig), "it holds")
         pendant.leave()

@@ -18,9 +18,10 @@ from crtk_drivers.ros import qos
 from crtk_drivers.ros.policy import interface
 from crtk_drivers.samples import Array, Pose, Vector, vector
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.loopback_node import rig_of, until
+from rigs.loopback_node import rig_of
 from rigs.ros_client import RosClient
 from rigs.ur_node import ur_on_ros
+from rigs.waiting import eventually
 
 
 def heard(client: RosClient, topic: str) -> list[str]:
@@ -45,7 +46,7 @@ def test_a_ur_is_told_as_it_computes() -> None:
         texts = heard(rig.client, "/described_ur/robot_description")
         device = rig.session.engine.device
         base, tip = "described_ur/base", f"described_ur/{device.capabilities.tool_frame}_by_joints"
-        until(lambda: bool(texts) and agree(texts[-1], device, base, tip), "it agrees")
+        eventually(lambda: bool(texts) and agree(texts[-1], device, base, tip), "it agrees")
         assert '<robot name="described_ur">' in texts[-1]
         assert '<link name="described_ur/shoulder_pan_joint_link"' in texts[-1]
 
@@ -82,13 +83,13 @@ def test_it_is_told_again_when_the_kinematics_are_others() -> None:
     plugin = DevicePlugin("on-table", "A gantry on a table.", LoopbackConfig, OnTable)
     with rig_of("/on_table", plugin=plugin) as rig:
         texts = heard(rig.client, "/on_table/robot_description")
-        until(lambda: bool(texts), "it is told")
+        eventually(lambda: bool(texts), "it is told")
         device = rig.device
         assert isinstance(device, OnTable)
         base, tip = "on_table/base", "on_table/tool_by_joints"
         assert agree(texts[-1], device, base, tip)
         device.table = Raised(device.kinematics, 0.7)
-        until(lambda: len(texts) == 2, "it is told again")
+        eventually(lambda: len(texts) == 2, "it is told again")
         assert agree(texts[-1], device, base, tip)
         assert 'xyz="0.0 0.0 0.7"' in texts[-1]
 

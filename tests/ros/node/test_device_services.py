@@ -25,8 +25,8 @@ from crtk_drivers.ros.names import STOPS_NODE_NAME
 from crtk_drivers.ros.policy import interfaces
 from crtk_drivers.samples import Flag, Number, Numbers, Text, Value, Wrench
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.loopback_node import Rig, rig_of, until
-from rigs.waiting import LONG
+from rigs.loopback_node import Rig, rig_of
+from rigs.waiting import LONG, eventually
 
 
 class Scale(LoopbackDevice):
@@ -160,13 +160,13 @@ def test_an_input_is_a_topic(rig: Rig) -> None:
         sender.publish(message)
         return any("set_bias" in m.data for m in client["refusals"].messages[since:])
 
-    until(is_refused, "it is refused")
+    eventually(is_refused, "it is refused")
     told = json.loads(client["refusals"].wait(lambda m: "set_bias" in m.data, since).data)
     assert told["reason"] == "out_of_range"
     assert device.bias is None
     message.wrench.force.x = 7.0
     sender.publish(message)
-    bias = until(lambda: device.bias, "it is taken")
+    bias = eventually(lambda: device.bias, "it is taken")
     assert bias.force[0] == 7.0
 
 
@@ -179,12 +179,12 @@ def test_readings_are_latched_topics_that_tell_each_change_once(rig: Rig) -> Non
             kind, f"{client.namespace}/state/{name}", heard[name].append, qos.LATCHED
         )
     device.told = {"door": Flag(True), "load": Number(2.5), "row": Numbers((1.0, 2.0))}
-    until(lambda: all(heard[name] for name in device.told), "the readings")
+    eventually(lambda: all(heard[name] for name in device.told), "the readings")
     assert heard["door"][0].data is True
     assert heard["load"][0].data == 2.5
     assert list(heard["row"][0].data) == [1.0, 2.0]
     device.told = {**device.told, "door": Flag(False), "name": Text("front")}
-    until(lambda: len(heard["door"]) > 1 and heard["name"], "the changes")
+    eventually(lambda: len(heard["door"]) > 1 and heard["name"], "the changes")
     assert heard["door"][1].data is False
     assert heard["name"][0].string == "front"
     device.told = {"door": None}
@@ -207,7 +207,7 @@ def test_texts_and_numbers_are_inputs(rig: Rig) -> None:
         return device.told.get("name") is not None and device.told.get("row") is not None
 
     device.told = {}
-    until(arrived, "both")
+    eventually(arrived, "both")
     assert device.told == {"name": Text("left"), "row": Numbers((1.0, 0.5))}
 
 

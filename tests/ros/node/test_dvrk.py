@@ -22,8 +22,8 @@ from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Pose, Wrench
 from crtk_drivers.session import Session
-from rigs.loopback_node import served, until
-from rigs.waiting import LONG
+from rigs.loopback_node import served
+from rigs.waiting import LONG, eventually
 
 ARM = [
     "operating_state",
@@ -100,7 +100,7 @@ def arm(engine: Engine) -> Iterator[Any]:
     ral.check_connections(LONG)
     assert arm.enable(LONG)  # type: ignore[attr-defined]
     assert arm.home(LONG)  # type: ignore[attr-defined]
-    until(lambda: engine.transition_ended, "it is at home")
+    eventually(lambda: engine.transition_ended, "it is at home")
     yield arm
     assert arm.disable(LONG)  # type: ignore[attr-defined]
     ral.shutdown()
@@ -114,7 +114,7 @@ def moved(pose: Any, dz: float) -> Any:
 
 def valid(read: Callable[[], tuple[Any, float]]) -> Any:
     """A value whose stamp is not 0, as dVRK's scripts wait for it."""
-    until(lambda: read()[1] > 0.0, "it is valid")
+    eventually(lambda: read()[1] > 0.0, "it is valid")
     return read()[0]
 
 
@@ -125,7 +125,7 @@ def test_moves_and_streams(arm: Any) -> None:
     goal[1] -= 0.1
     assert arm.move_jp(goal).wait()
     assert arm.move_jp(goal).wait(), "where it is already"
-    until(lambda: arm.measured_jp()[0] == pytest.approx(goal, abs=5e-3), "it is there")
+    eventually(lambda: arm.measured_jp()[0] == pytest.approx(goal, abs=5e-3), "it is there")
     assert arm.move_jp(start).wait()
     assert arm.move_cp(moved(valid(arm.setpoint_cp), 0.02)).wait()
 
@@ -137,7 +137,7 @@ def test_moves_and_streams(arm: Any) -> None:
         if step % 10 == 0:
             assert valid(arm.measured_jp).size == begin.size
         rate.sleep()
-    until(lambda: abs(arm.setpoint_jp()[0][0] - begin[0]) < 1e-3, "the stream has arrived")
+    eventually(lambda: abs(arm.setpoint_jp()[0][0] - begin[0]) < 1e-3, "the stream has arrived")
     arm.hold()
 
 
@@ -159,7 +159,7 @@ def test_local_is_the_arm_s_own_base(arm: Any, engine: Engine) -> None:
 def test_a_share_of_the_speed(arm: Any) -> None:
     for ratio in (0.5, 1.0):
         arm.set_ratio.publish(Float64(data=ratio))
-        until(lambda: arm.ratios[-1:] == [ratio], "the arm has taken it")  # noqa: B023
+        eventually(lambda: arm.ratios[-1:] == [ratio], "the arm has taken it")  # noqa: B023
 
 
 def test_a_force_in_the_axes_that_are_asked_for(arm: Any, engine: Engine) -> None:
@@ -182,23 +182,23 @@ def test_a_force_in_the_axes_that_are_asked_for(arm: Any, engine: Engine) -> Non
         return force
 
     try:
-        until(pushed(along_the_tool), "along the tool's axes")
+        eventually(pushed(along_the_tool), "along the tool's axes")
         arm.absolute.publish(Bool(data=True))
-        until(pushed(lambda: push[:3]), "along the base's axes")
+        eventually(pushed(lambda: push[:3]), "along the base's axes")
         assert along_the_tool()[2] > 2.0, "which are not the tool's: it points down"
         assert arm.body.measured_cf()[0].shape == (6,)
         assert arm.spatial.jacobian().shape == (6, 6)
     finally:
         arm.absolute.publish(Bool(data=False))
         arm.hold()
-    until(lambda: not engine.health().stream, "the stream is over")
+    eventually(lambda: not engine.health().stream, "the stream is over")
 
 
 def test_hold_ends_free(arm: Any, engine: Engine) -> None:
     arm.free()
-    until(lambda: engine._motion.is_free, "it is free")
+    eventually(lambda: engine._motion.is_free, "it is free")
     arm.hold()
-    until(lambda: not engine._motion.is_free, "it holds")
+    eventually(lambda: not engine._motion.is_free, "it holds")
     begin = time.monotonic()
     assert arm.move_jr(np.zeros(6)).wait()
     assert time.monotonic() - begin < LONG

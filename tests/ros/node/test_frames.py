@@ -14,9 +14,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from crtk_drivers.ros.messages import set_stamp
-from rigs.loopback_node import Rig, until
+from rigs.loopback_node import Rig
 from rigs.ros_client import stamp_ns
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 STAMP = 1_700_000_000_123_456_789
 
@@ -50,7 +50,9 @@ def test_ratios_are_told_when_they_change_and_a_bad_one_changes_nothing(rig: Rig
         since = client["trajectory_j/ratio_v"].mark()
         client.send(f"trajectory_j/{name}", Float64(data=number))
         client["trajectory_j/ratio_v"].wait(lambda m, n=number: m.data == n, since)
-    until(lambda: client["trajectory_j/ratio"].messages[-1].data == 1.0, "each on its own topic")
+    eventually(
+        lambda: client["trajectory_j/ratio"].messages[-1].data == 1.0, "each on its own topic"
+    )
     since = client["refusals"].mark()
     client.send("trajectory_j/set_ratio", Float64(data=math.nan))
     client["refusals"].wait(lambda m: "is no ratio" in m.data, since)

@@ -16,8 +16,9 @@ from sensor_msgs.msg import JointState
 
 from crtk_drivers.errors import ConfigError, MissingExtra
 from crtk_drivers.ros import environment
-from rigs.loopback_node import Rig, until
+from rigs.loopback_node import Rig
 from rigs.ros_client import RosClient
+from rigs.waiting import eventually
 
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -31,7 +32,7 @@ def test_another_type_is_reported_once(rig: Rig, caplog: pytest.LogCaptureFixtur
     with caplog.at_level(logging.WARNING), RosClient("/old") as old:
         old.node.create_publisher(TransformStamped, topic, 10)
         words = (topic, "TransformStamped", "PoseStamped")
-        until(lambda: logged(caplog, *words), "the log names topic and types")
+        eventually(lambda: logged(caplog, *words), "the log names topic and types")
     assert sum(topic in r.getMessage() for r in caplog.records) == 1
 
 
@@ -39,7 +40,7 @@ def test_best_effort_commands_are_reported(rig: Rig, caplog: pytest.LogCaptureFi
     with caplog.at_level(logging.WARNING):
         topic = f"{rig.client.namespace}/servo_jp"
         publisher = rig.client.node.create_publisher(JointState, topic, BEST_EFFORT)
-        until(lambda: logged(caplog, "servo_jp", "reliability"), "the log names the policy")
+        eventually(lambda: logged(caplog, "servo_jp", "reliability"), "the log names the policy")
         rig.client.node.destroy_publisher(publisher)
 
 
@@ -53,7 +54,7 @@ def test_warnings_are_on_rosout(rig: Rig) -> None:
         logging.getLogger("crtk_drivers.test").warning("a word to all")
         return next((log for log in heard if log.msg == "a word to all"), None)
 
-    assert until(told, "the warning arrives").name.endswith("crtk_driver")
+    assert eventually(told, "the warning arrives").name.endswith("crtk_driver")
     rig.client.node.destroy_subscription(listener)
 
 

@@ -16,8 +16,8 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 from crtk_drivers.testing.loopback import LoopbackConfig
-from rigs.loopback_node import Rig, rig_of, serve, until
-from rigs.waiting import LONG
+from rigs.loopback_node import Rig, rig_of, serve
+from rigs.waiting import LONG, eventually
 
 FOLDER = os.environ.get("CRTK_PYTHON_CLIENT", "")
 pytestmark = pytest.mark.skipif(
@@ -363,9 +363,9 @@ def test_a_restarted_node_does_not_get_the_old_enable() -> None:
             assert client.stdout is not None
             assert client.stdout.readline() == "enabled\n"
         engine = stack.enter_context(second)[0].engine
-        until(lambda: engine.status.state == "DISABLED", "the new node is connected")
+        eventually(lambda: engine.status.state == "DISABLED", "the new node is connected")
         go_on(client)
-        until(lambda: "pause" in engine.health().last_refusal, "what was sent last has come")
+        eventually(lambda: "pause" in engine.health().last_refusal, "what was sent last has come")
         assert "pause is invalid in DISABLED" in engine.health().last_refusal
         assert sum(engine.health().refusals.values()) == 1, "nothing came before it"
         go_on(client)

@@ -14,7 +14,8 @@ from crtk_drivers import plugins
 from crtk_drivers.config import NodeConfig, from_values, load
 from crtk_drivers.ros.policy import interfaces, policy
 from crtk_drivers.session import Session
-from rigs.loopback_node import served, until
+from rigs.loopback_node import served
+from rigs.waiting import eventually
 
 SPACE = "/secured"
 
@@ -51,14 +52,14 @@ def test_all_that_the_nodes_have_is_allowed_and_nothing_else(name: str, moveit: 
     try:
         with served(session, SPACE, (), config):
             known = {f"{space}/{own}" for space, _, own in nodes}
-            until(
+            eventually(
                 lambda: known <= {f"{s}/{n}" for n, s in node.get_node_names_and_namespaces()},
                 "the nodes are seen",
             )
             for kind, verb in seen:
                 maybe = {"/clock", "/parameter_events", "/rosout"}
                 names = allowed(kind, verb)
-                until(lambda: names - maybe <= there(kind, verb), f"all of {verb}")  # noqa: B023
+                eventually(lambda: names - maybe <= there(kind, verb), f"all of {verb}")  # noqa: B023
                 missing = {
                     name for name in there(kind, verb)
                     if not any(fnmatchcase(name, rule) for rule in names)

@@ -8,8 +8,7 @@ import threading
 import pytest
 
 from crtk_drivers.ros.publishing import PublishingThread
-from rigs.loopback_node import until
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 def test_runs_on_demand_and_at_a_rate() -> None:
@@ -23,12 +22,12 @@ def test_runs_on_demand_and_at_a_rate() -> None:
     slow = thread.job("slow", lambda: count("slow"), 0.001)
     asked = thread.job("asked", lambda: count("asked"))
     thread.start()
-    until(lambda: runs["fast"] >= 10, "ten runs")
+    eventually(lambda: runs["fast"] >= 10, "ten runs")
     assert runs["asked"] == runs["slow"] == 0
     asked.ask()
-    until(lambda: runs["asked"] == 1, "the job that was asked for")
+    eventually(lambda: runs["asked"] == 1, "the job that was asked for")
     slow.set_rate(500.0)
-    until(lambda: runs["slow"] > 3, "the rate that was changed")
+    eventually(lambda: runs["slow"] > 3, "the rate that was changed")
     assert thread.stop(LONG)
     assert runs["asked"] == 1
 
@@ -60,7 +59,7 @@ def test_a_failing_job_is_logged_seldom_and_stops_no_other(
     thread.job("good", good, 500.0)
     with caplog.at_level(logging.ERROR):
         thread.start()
-        until(lambda: min(runs.values()) > 20, "twenty runs of both")
+        eventually(lambda: min(runs.values()) > 20, "twenty runs of both")
         assert thread.stop(LONG)
     failures = [r for r in caplog.records if "publishing bad failed" in r.getMessage()]
     assert 1 <= len(failures) < 10

@@ -24,9 +24,9 @@ from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Pose, Stamp, Vector
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.testing.loopback import LoopbackConfig
-from rigs.loopback_node import RATE, Rig, rig_of, serve, slowly, until
+from rigs.loopback_node import RATE, Rig, rig_of, serve, slowly
 from rigs.ros_client import RosClient, stamp_ns
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 def test_heartbeat_has_strictly_increasing_stamps(rig: Rig) -> None:
@@ -166,7 +166,7 @@ def test_servo_is_not_busy(rig: Rig) -> None:
         rig.client.send("servo_jp", JointState(position=[0.001, 0.0, 0.0, 0.0]))
         return rig.client["operating_state"].mark() > since + 2 and rig.device.writes > writes
 
-    until(stream, "two heartbeats while it streams")
+    eventually(stream, "two heartbeats while it streams")
     assert not any(m.is_busy for m in rig.client["operating_state"].messages[since:])
 
 
@@ -258,7 +258,7 @@ def test_who_asks_for_inverse_kinematics_holds_nobody_up(
         assert not asked.done()
     finally:
         may_end.set()
-    until(asked.done, "an answer")
+    eventually(asked.done, "an answer")
     assert list(asked.result().jp) == pytest.approx([0.1, 0.2, 0.3, 0.0])
 
 

@@ -19,7 +19,8 @@ from std_msgs.msg import Empty
 from crtk_drivers.device import Setpoint
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.loopback_node import Rig, rig_of, until
+from rigs.loopback_node import Rig, rig_of
+from rigs.waiting import eventually
 
 SCRIPT = Path(__file__).parents[2] / "rigs" / "stream_positions.py"
 MINE, OTHERS = 0.01, 0.02
@@ -74,7 +75,7 @@ def streaming_until(rig: Rig, condition: Any, what: str) -> None:
         rig.client.send("servo_jp", position(MINE))
         return bool(condition())
 
-    until(sent, what)
+    eventually(sent, what)
 
 
 def told(rig: Rig, since: int, text: str) -> None:
@@ -110,12 +111,12 @@ def test_another_process_is_refused_takes_over_and_is_held(owned: Rig) -> None:
         told(owned, since, "the node /test_client streams servo_jp")
         assert written(owned) == {MINE}
 
-        until(lambda: OTHERS in written(owned), "it takes over when the first is silent")
+        eventually(lambda: OTHERS in written(owned), "it takes over when the first is silent")
         before = refused(owned, "servo_jp")
         streaming_until(owned, lambda: refused(owned, "servo_jp") > before, "the first is refused")
         told(owned, since, "the node /elsewhere streams servo_jp")
         owned.client.send("move_jp", position(0.3))
-        until(lambda: refused(owned, "move_jp") > 0, "a move of another is refused")
+        eventually(lambda: refused(owned, "move_jp") > 0, "a move of another is refused")
 
         owned.client.send("hold", Empty())
         told(owned, since, "the node /test_client ended this stream with hold")
@@ -140,7 +141,7 @@ def test_two_nodes_of_a_process_are_two_clients(owned: Rig) -> None:
     since, before = owned.client["refusals"].mark(), refused(owned, "servo_jp")
     with another_node(owned, "neighbour") as node:
         publisher = node.create_publisher(JointState, "/owned/servo_jp", 10)
-        until(lambda: publisher.get_subscription_count() == 1, "they have met")
+        eventually(lambda: publisher.get_subscription_count() == 1, "they have met")
         streaming_until(owned, lambda: MINE in written(owned), "the first is obeyed")
 
         def both_sent() -> bool:
@@ -158,4 +159,4 @@ def test_topics_of_a_node_are_one_client(owned: Rig) -> None:
     owned.client.move("move_jp", position(0.2))
     assert refused(owned, "move_jp") == before
     owned.client.send("servo_jp", position(0.2))
-    until(lambda: 0.2 in written(owned), "it streams again")
+    eventually(lambda: 0.2 in written(owned), "it streams again")

@@ -17,8 +17,9 @@ from crtk_drivers.config import NodeConfig
 from crtk_drivers.engine import Engine
 from crtk_drivers.ros.topics import coherent
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.loopback_node import RATE, Rig, rig_of, serve, until
+from rigs.loopback_node import RATE, Rig, rig_of, serve
 from rigs.ros_client import COMMANDED, PUBLISHED, TRANSIENT, Inbox, RosClient, stamp_ns
+from rigs.waiting import eventually
 
 JOINTS = ["x", "y", "z", "yaw"]
 NEVER_OFFERED = ("use_gravity_compensation", "local/servo_cp", "body/servo_cp", "measured2_js")
@@ -74,7 +75,7 @@ def test_feedback_of_one_sample_has_one_stamp(rig: Rig) -> None:
         stamps = ({stamp_ns(m) for m in client[name].messages[since[name] :]} for name in names)
         return len(set.intersection(*stamps) - {0})
 
-    until(lambda: common() > 20, "twenty samples on all topics")
+    eventually(lambda: common() > 20, "twenty samples on all topics")
     told = max(client[name].mark() - since[name] for name in names)
     assert told < 3 * common(), "most have the same"
 
@@ -157,7 +158,7 @@ def test_tf_is_measured_cp_and_never_local(rig: Rig) -> None:
         measured = {stamp_ns(m) for m in rig.client["measured_cp"].messages}
         return sum(stamp_ns(m.transforms[0]) in measured for m in inbox.messages[began:])
 
-    until(lambda: common() > 10, "they are those of the pose")
+    eventually(lambda: common() > 10, "they are those of the pose")
 
 
 def test_old_data_is_published_with_stamp_zero(rig: Rig) -> None:
@@ -185,13 +186,13 @@ def test_setpoint_depends_on_the_command(rig: Rig) -> None:
         told = client["setpoint_js"].messages[since:]
         return [m for m in told if len(m.position) == 4 and m.position[0] == 0.005]
 
-    by_position = until(by_positions, "setpoint_js shows the position")[0]
+    by_position = eventually(by_positions, "setpoint_js shows the position")[0]
     assert list(by_position.name) == JOINTS
     assert len(by_position.velocity) == 0
     client.send("hold", Empty())
     since = client["setpoint_js"].mark()
     # two streams may not mix: wait until the first is over
-    until(lambda: rig.session.engine.health().stream == "", "the stream of servo_jp has ended")
+    eventually(lambda: rig.session.engine.health().stream == "", "the stream of servo_jp has ended")
     seen = client["setpoint_cp"].mark()
 
     def stream() -> bool:
@@ -201,7 +202,7 @@ def test_setpoint_depends_on_the_command(rig: Rig) -> None:
             for m in client["setpoint_js"].messages[since:]
         )
 
-    until(stream, "setpoint_js shows the velocity and no position")
+    eventually(stream, "setpoint_js shows the velocity and no position")
     assert client["setpoint_cp"].wait(lambda m: stamp_ns(m) == 0, seen)
 
 
@@ -214,7 +215,7 @@ def test_goals_are_latched_for_those_who_come_later(rig: Rig) -> None:
     late: list[JointState] = []
     with RosClient("/nobody") as other:
         other.node.create_subscription(JointState, topic(rig, "goal_js"), late.append, TRANSIENT)
-        until(lambda: bool(late), "the goal arrives")
+        eventually(lambda: bool(late), "the goal arrives")
     assert list(late[0].position) == [0.02, 0.03, 0.0, 0.1]
     assert stamp_ns(late[0]) == stamp_ns(goal)
 
@@ -257,7 +258,7 @@ def test_servo_cv_moves_the_tool(rig: Rig) -> None:
         client.send("servo_cv", twist)
         return bool(client["measured_cp"].messages[-1].pose.position.x > 0.01)
 
-    until(stream, "the tool has moved along x")
+    eventually(stream, "the tool has moved along x")
 
 
 def test_jacobian(rig: Rig) -> None:
@@ -341,5 +342,5 @@ def test_devices_do_not_share_frames(rig: Rig) -> None:
             def frames(inbox: Inbox = inbox) -> set[str]:
                 return {message.transforms[0].child_frame_id for message in inbox.messages}
 
-            until(lambda frames=frames: expected <= frames(), "all arms are on /tf")
+            eventually(lambda frames=frames: expected <= frames(), "all arms are on /tf")
             assert frames() == expected

@@ -23,9 +23,9 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.ros import presence
 from crtk_drivers.samples import Number
 from crtk_drivers.testing.loopback import LoopbackConfig
-from rigs.loopback_node import Rig, serve, until
+from rigs.loopback_node import Rig, serve
 from rigs.ros_client import RosClient
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 SCRIPT = Path(__file__).parents[2] / "rigs" / "serve_loopback.py"
 PROCESS_TIMEOUT = 40.0
@@ -57,7 +57,7 @@ def obeys(client: RosClient, engine: Engine) -> None:
         client.state_command("enable")
         return engine.status.state == "ENABLED"
 
-    until(enabled, "it obeys")
+    eventually(enabled, "it obeys")
 
 
 @contextmanager
@@ -65,11 +65,11 @@ def second(rig: Rig, **node: Any) -> Iterator[Engine]:
     """Another driver in the namespace of the first."""
     config = NodeConfig(**node)
     with serve(LoopbackConfig(), rig.client.namespace, [], config) as (session, _):
-        until(lambda: bool(note(session.engine)), "the second has found the first")
-        until(lambda: bool(note(rig.session.engine)), "the first has found the second")
-        until(lambda: session.engine.status.state == "DISABLED", "the second is connected")
+        eventually(lambda: bool(note(session.engine)), "the second has found the first")
+        eventually(lambda: bool(note(rig.session.engine)), "the first has found the second")
+        eventually(lambda: session.engine.status.state == "DISABLED", "the second is connected")
         yield session.engine
-    until(lambda: not note(rig.session.engine), "the first is alone again")
+    eventually(lambda: not note(rig.session.engine), "the first is alone again")
 
 
 def told(rig: Rig, text: str) -> Any:
@@ -85,18 +85,20 @@ def test_both_say_so_and_only_the_first_serves(rig: Rig, caplog: pytest.LogCaptu
         assert "this driver does not serve commands" in note(other)
         told(rig, "this driver serves")
         told(rig, "this driver does not serve")
-        until(lambda: sum("--ns" in r.getMessage() for r in caplog.records) >= 2, "both logged it")
+        eventually(
+            lambda: sum("--ns" in r.getMessage() for r in caplog.records) >= 2, "both logged it"
+        )
         rig.client.reach("enable", "ENABLED")
         again = StringStamped(string="enable")
-        until(refuses(rig, other, "state_command", again), "the second refuses it")
+        eventually(refuses(rig, other, "state_command", again), "the second refuses it")
         goal = JointState(position=[0.01, 0.0, 0.0, 0.0])
         rig.client.move("move_jp", goal)
-        until(refuses(rig, other, "move_jp", goal), "the second refuses the move")
+        eventually(refuses(rig, other, "move_jp", goal), "the second refuses the move")
         assert other.status.state == "DISABLED"
         assert first.status.state == "ENABLED"
         told_of_state = rig.client["operating_state"]
         mark = told_of_state.mark()
-        until(lambda: told_of_state.mark() > mark + 5, "heartbeats")
+        eventually(lambda: told_of_state.mark() > mark + 5, "heartbeats")
         assert {m.state for m in told_of_state.messages[mark:]} == {"ENABLED"}
     assert rig.client["refusals"].mark() == since, "the client's own driver refused nothing"
 
@@ -105,7 +107,7 @@ def test_one_that_is_told_to_serves_beside_the_first(rig: Rig) -> None:
     with second(rig, share_namespace=True) as other:
         assert "this driver serves commands" in note(other)
         obeys(rig.client, other)
-        until(lambda: rig.session.engine.status.state == "ENABLED", "the first obeys")
+        eventually(lambda: rig.session.engine.status.state == "ENABLED", "the first obeys")
 
 
 def said(rig: Rig, **values: Any) -> String:
@@ -119,10 +121,10 @@ def publisher(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """What says it once, and counts as there until it says that it goes."""
     monkeypatch.setattr(presence, "GONE_AFTER", LONG)
     publisher = rig.client.node.create_publisher(String, f"{rig.client.namespace}/drivers", 10)
-    until(lambda: publisher.get_subscription_count() == 1, "they have met")
+    eventually(lambda: publisher.get_subscription_count() == 1, "they have met")
     yield publisher
     publisher.publish(said(rig, there=False))
-    until(lambda: not note(rig.session.engine), "alone again")
+    eventually(lambda: not note(rig.session.engine), "alone again")
     rig.client.node.destroy_publisher(publisher)
 
 
@@ -137,21 +139,21 @@ def test_one_that_turns_out_to_be_second_holds_and_goes_on_when_it_is_alone(
     rig.client.send("move_jp", JointState(position=[0.9, 0.0, 0.0, 0.0]))
     rig.client["operating_state"].wait(lambda m: m.is_busy, since)
     publisher.publish(said(rig))
-    until(lambda: "does not serve" in note(engine), "it stands by")
-    until(lambda: not engine.status.is_busy, "the move is over")
+    eventually(lambda: "does not serve" in note(engine), "it stands by")
+    eventually(lambda: not engine.status.is_busy, "the move is over")
     engine.submit("trajectory_j/set_ratio", Number(1.0))
     found = engine.feedback("measured_js")
     assert found is not None
     assert found[0].position[0] < 0.8, "it was held on the way"  # type: ignore[union-attr]
     before = refused(engine, "move_jp")
     rig.client.send("move_jp", JointState(position=[0.9, 0.0, 0.0, 0.0]))
-    until(lambda: refused(engine, "move_jp") > before, "a move is refused")
+    eventually(lambda: refused(engine, "move_jp") > before, "a move is refused")
     rig.client.send("hold", Empty())
     rig.client.state_command("disable")
-    until(lambda: engine.status.state == "DISABLED", "a stop is not refused")
+    eventually(lambda: engine.status.state == "DISABLED", "a stop is not refused")
     assert refused(engine, "hold") == 0
     publisher.publish(said(rig, there=False))
-    until(lambda: not note(engine), "it is alone")
+    eventually(lambda: not note(engine), "it is alone")
     assert engine.status.state == "DISABLED", "nothing happens by itself"
     rig.client.reach("enable", "ENABLED")
 
@@ -161,7 +163,7 @@ def test_one_that_has_served_for_long_goes_before_one_with_an_earlier_clock(
 ) -> None:
     monkeypatch.setattr(presence, "ESTABLISHED_AFTER", 0.0)
     publisher.publish(said(rig))
-    until(lambda: bool(note(rig.session.engine)), "it is noticed")
+    eventually(lambda: bool(note(rig.session.engine)), "it is noticed")
     assert "this driver serves commands" in note(rig.session.engine)
     rig.client.reach("enable", "ENABLED")
 
@@ -182,7 +184,7 @@ def test_one_that_has_served_for_long_goes_before_one_with_an_earlier_clock(
 def test_what_is_not_of_a_driver_is_nobody(rig: Rig, publisher: Any, text: str) -> None:
     publisher.publish(String(data=text))
     publisher.publish(said(rig, id="later"))
-    until(lambda: "other" in note(rig.session.engine), "what came after it is heard")
+    eventually(lambda: "other" in note(rig.session.engine), "what came after it is heard")
     publisher.publish(said(rig, id="later", there=False))
 
 
@@ -191,9 +193,9 @@ def test_a_stranger_that_tells_an_operating_state_is_noticed(rig: Rig) -> None:
         stranger.node.create_publisher(
             OperatingState, f"{rig.client.namespace}/operating_state", 10
         )
-        until(lambda: "/test_client" in note(rig.session.engine), "the note names its node")
+        eventually(lambda: "/test_client" in note(rig.session.engine), "the note names its node")
         assert "this driver serves commands" in note(rig.session.engine)
-    until(lambda: not note(rig.session.engine), "it is gone")
+    eventually(lambda: not note(rig.session.engine), "it is gone")
 
 
 @contextmanager
@@ -220,17 +222,17 @@ def test_a_killed_driver_is_followed_by_the_second_and_does_not_lock_out_a_new_o
             time.sleep(0.05)
         with serve(LoopbackConfig(), namespace, []) as (session, _):
             engine = session.engine
-            until(lambda: "does not serve" in note(engine), "the second stands by")
+            eventually(lambda: "does not serve" in note(engine), "the second stands by")
             assert f"process {child.pid} " in note(engine)
             child.send_signal(signal.SIGKILL)
-            until(lambda: not note(engine), "the second is alone")
+            eventually(lambda: not note(engine), "the second is alone")
             assert engine.status.state == "DISABLED"
             obeys(client, engine)
         with serve(LoopbackConfig(), namespace, []) as (session, _):
             topic = f"{namespace}/operating_state"
-            until(
+            eventually(
                 lambda: client.node.count_publishers(topic) > 1, "the killed one's is still there"
             )
-            until(lambda: session.engine.status.state == "DISABLED", "it is connected")
+            eventually(lambda: session.engine.status.state == "DISABLED", "it is connected")
             obeys(client, session.engine)
             assert note(session.engine) == ""

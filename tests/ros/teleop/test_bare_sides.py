@@ -16,8 +16,7 @@ from crtk_drivers.client.ros_link import Link
 from crtk_drivers.client.teleop import Teleoperation, loop, reached_sides
 from crtk_drivers.client.teleop.side import Listened
 from crtk_drivers.motion.teleop import Heard, Phase, TeleopSettings
-from rigs.loopback_node import until
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 LEADER, FOLLOWER = "/bare_hand", "/bare_arm"
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
@@ -108,9 +107,9 @@ def coupled(bare: Bare, **given: Any) -> Iterator[Teleoperation]:
     foot = Foot()
     running = Teleoperation(settings, *bare.sides, {"engage": foot})
     try:
-        until(lambda: stepped(running).coupled.phase is Phase.RELEASED, "released")
+        eventually(lambda: stepped(running).coupled.phase is Phase.RELEASED, "released")
         foot.pressed = True
-        until(lambda: stepped(running).coupled.phase is Phase.FOLLOWING, "coupled")
+        eventually(lambda: stepped(running).coupled.phase is Phase.FOLLOWING, "coupled")
         yield running
     finally:
         running.close()
@@ -124,17 +123,17 @@ def stepped(running: Teleoperation) -> Teleoperation:
 
 def test_a_leader_that_takes_no_hold_is_pushed_no_more_when_they_are_held(bare: Bare) -> None:
     with coupled(bare, force={"ramp": 0.01}) as running:
-        until(lambda: stepped(running) is running and bare.force() > 0.9, "it is pushed")
+        eventually(lambda: stepped(running) is running and bare.force() > 0.9, "it is pushed")
         bare.quaternion = (0.0, 0.0, 0.0, 0.0)
-        until(lambda: stepped(running).coupled.phase is Phase.HELD, "held")
-        until(lambda: bare.force() == 0.0, "it is pushed no more")
+        eventually(lambda: stepped(running).coupled.phase is Phase.HELD, "held")
+        eventually(lambda: bare.force() == 0.0, "it is pushed no more")
 
 
 def test_a_follower_that_takes_no_hold_is_told_to_stand_at_the_end(bare: Bare) -> None:
     with coupled(bare, mode="velocity") as running:
-        until(lambda: stepped(running) is running and bare.velocity() > 0.01, "it moves")
+        eventually(lambda: stepped(running) is running and bare.velocity() > 0.01, "it moves")
         assert running.end() == ""
-        until(lambda: bare.velocity() == 0.0, "it is told to stand")
+        eventually(lambda: bare.velocity() == 0.0, "it is told to stand")
 
 
 def test_a_follower_that_tells_no_pose_is_not_seen_to_stand(
@@ -143,7 +142,7 @@ def test_a_follower_that_tells_no_pose_is_not_seen_to_stand(
     monkeypatch.setattr(loop, "STAND_TIMEOUT", 0.3)
     with coupled(bare) as running:
         bare.quaternion = (0.0, 0.0, 0.0, 0.0)
-        until(lambda: stepped(running).coupled.phase is Phase.HELD, "held")
+        eventually(lambda: stepped(running).coupled.phase is Phase.HELD, "held")
         assert "was not seen to stand" in running.end()
 
 
@@ -166,12 +165,12 @@ def test_a_message_that_comes_late_is_left_out_and_one_of_a_clock_that_was_set_b
             arrived: list[float] = []
             heard = Listened(side, ("measured_cp",), (), (), (), lambda: None)
             side.on("measured_cp", lambda value, stamp: arrived.append(stamp))
-            until(told.get_subscription_count, "they have met")
+            eventually(told.get_subscription_count, "they have met")
 
             def newest(stamp: float, x: float) -> float:
                 count = len(arrived)
                 say(stamp, x)
-                until(lambda: len(arrived) > count, "it has arrived")
+                eventually(lambda: len(arrived) > count, "it has arrived")
                 pose = heard.read().pose
                 assert pose is not None
                 return float(pose.value.position[0])

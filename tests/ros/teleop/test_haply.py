@@ -13,8 +13,8 @@ from crtk_drivers.labs.lab_file import load_lab, load_teleop
 from crtk_drivers.motion.teleop import Phase
 from crtk_drivers.session import Session
 from crtk_sim_backends.haply import SIM
-from rigs.loopback_node import served, until
-from rigs.waiting import LONG
+from rigs.loopback_node import served
+from rigs.waiting import LONG, eventually
 
 LAB = Path(__file__).parents[3] / "examples" / "haply_teleop.toml"
 
@@ -41,21 +41,23 @@ def test_the_arm_goes_the_way_of_the_handle_and_the_handle_feels_the_wall() -> N
             thread = threading.Thread(target=loop.run, args=(stop, lambda coupled: None))
             thread.start()
             try:
-                until(lambda: loop.coupled.phase is Phase.RELEASED, "released")
+                eventually(lambda: loop.coupled.phase is Phase.RELEASED, "released")
                 sim.control.inject("press", button="a")
-                until(lambda: loop.coupled.phase is Phase.FOLLOWING, "following")
+                eventually(lambda: loop.coupled.phase is Phase.FOLLOWING, "following")
                 start = follower.measured_cp(age=0).position
                 sim.control.inject("push", x=0.5)
 
                 def is_felt() -> bool:
                     return bool(sim.control.status()["force"][0] < -0.1)
 
-                until(is_felt, "the wall pushes the hand back")
+                eventually(is_felt, "the wall pushes the hand back")
                 way = follower.measured_cp(age=0).position - start
                 assert way[0] > 0.02
                 assert np.abs(way[1:]).max() < 0.01
                 sim.control.clear("press")
-                until(lambda: not any(sim.control.status()["force"]), "let go, nothing is felt")
+                eventually(
+                    lambda: not any(sim.control.status()["force"]), "let go, nothing is felt"
+                )
             finally:
                 stop.set()
                 thread.join()

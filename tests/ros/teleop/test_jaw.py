@@ -20,8 +20,8 @@ from crtk_drivers.motion.teleop import Heard, Phase, TeleopSettings
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
-from rigs.loopback_node import serve, until
-from rigs.waiting import LONG
+from rigs.loopback_node import serve
+from rigs.waiting import LONG, eventually
 
 GRIPPER = {
     "follower": "jaw",
@@ -129,7 +129,7 @@ def test_the_jaw_is_led_once_the_hand_has_been_where_it_is() -> None:
     ):
         for device in (leader, follower):
             device.enable()
-        until(lambda: arm.children["jaw"].status.state == "ENABLED", "the jaw is enabled")
+        eventually(lambda: arm.children["jaw"].status.state == "ENABLED", "the jaw is enabled")
         fingers, jaw = hand.children["gripper"].device, arm.children["jaw"].device
         settings = TeleopSettings(**given, gripper=GRIPPER).model_copy(update={"timeout": LONG})
         loop = Teleoperation(settings, leader, follower, {"engage": foot})
@@ -137,22 +137,22 @@ def test_the_jaw_is_led_once_the_hand_has_been_where_it_is() -> None:
         thread = threading.Thread(target=loop.run, args=(stop, lambda coupled: None), name="teleop")
         thread.start()
         try:
-            until(lambda: loop.coupled.phase is Phase.RELEASED, f"released: {loop.coupled}")
+            eventually(lambda: loop.coupled.phase is Phase.RELEASED, f"released: {loop.coupled}")
             fingers.at = 0.5  # the hand is open, the jaw is not
-            until(lambda: leader.gripper.measured_js(age=0).position[0] == 0.5, "open")
+            eventually(lambda: leader.gripper.measured_js(age=0).position[0] == 0.5, "open")
             foot.pressed = True
-            until(lambda: loop.coupled.phase is Phase.FOLLOWING, f"following: {loop.coupled}")
+            eventually(lambda: loop.coupled.phase is Phase.FOLLOWING, f"following: {loop.coupled}")
             steps = loop.steps
-            until(lambda: loop.steps > steps + 20, "a while")
+            eventually(lambda: loop.steps > steps + 20, "a while")
             assert jaw.at == 0.0
             fingers.at = 0.0
-            until(lambda: loop.coupled.jaw.is_led, "it is where the jaw is")
+            eventually(lambda: loop.coupled.jaw.is_led, "it is where the jaw is")
             fingers.at = 0.25
-            until(lambda: jaw.at == pytest.approx(0.5, abs=1e-6), "half open")
+            eventually(lambda: jaw.at == pytest.approx(0.5, abs=1e-6), "half open")
             foot.pressed = False
-            until(lambda: loop.coupled.phase is Phase.RELEASED, "let go")
+            eventually(lambda: loop.coupled.phase is Phase.RELEASED, "let go")
             fingers.at = 0.0
-            until(lambda: leader.gripper.measured_js(age=0).position[0] == 0.0, "squeezed")
+            eventually(lambda: leader.gripper.measured_js(age=0).position[0] == 0.0, "squeezed")
             assert jaw.at == pytest.approx(0.5, abs=1e-6)
         finally:
             stop.set()

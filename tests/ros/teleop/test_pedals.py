@@ -16,7 +16,8 @@ from crtk_drivers.motion.teleop.machine import is_pressed
 from crtk_drivers.motion.teleop.teleop_settings import PedalSettings
 from crtk_drivers.session import Session
 from crtk_sim_backends.inputs import SIM, RunningSim
-from rigs.loopback_node import served, until
+from rigs.loopback_node import served
+from rigs.waiting import eventually
 
 FEET = "/footpedals"
 
@@ -50,13 +51,15 @@ def test_a_pedal_is_heard_again_and_again_and_not_when_it_is_unplugged(feet: Fee
     pedal, second = feet.pedal(f"{FEET}/clutch"), feet.pedal(f"{FEET}/joy", 1)
 
     def state(which: TopicPedal, pressed: bool) -> None:
-        until(lambda: (heard := which.read()) is not None and heard.value is pressed, f"{pressed}")
+        eventually(
+            lambda: (heard := which.read()) is not None and heard.value is pressed, f"{pressed}"
+        )
 
     state(pedal, False)
     feet.sim.control.inject("press", code=30)
     state(pedal, True)
-    first = until(pedal.read, "it is known")
-    until(
+    first = eventually(pedal.read, "it is known")
+    eventually(
         lambda: (heard := pedal.read()) is not None and heard.since > first.since,
         "it is told again, though nothing changed",
     )
@@ -64,14 +67,14 @@ def test_a_pedal_is_heard_again_and_again_and_not_when_it_is_unplugged(feet: Fee
     feet.sim.control.inject("press", code=48)
     state(second, True)
     feet.sim.control.inject("disconnect")
-    until(lambda: pedal.read() is None and second.read() is None, "not known, and not let go")
+    eventually(lambda: pedal.read() is None and second.read() is None, "not known, and not let go")
     feet.sim.control.clear()
     state(pedal, False)
 
 
 def test_a_button_that_is_not_there_and_a_topic_of_nobody_are_not_heard(feet: Feet) -> None:
     clutch = feet.pedal(f"{FEET}/coag")
-    until(lambda: clutch.read() is not None, "it is heard")
+    eventually(lambda: clutch.read() is not None, "it is heard")
     assert feet.pedal(f"{FEET}/coag", 3).read() is None
     nobody = feet.pedal(f"{FEET}/camera").read()
     assert is_pressed(PedalSettings(topic=f"{FEET}/camera"), nobody, 0.0) is None
@@ -80,15 +83,15 @@ def test_a_button_that_is_not_there_and_a_topic_of_nobody_are_not_heard(feet: Fe
 def test_two_who_tell_of_one_pedal_are_told_and_it_does_not_count(feet: Feet) -> None:
     topic = f"{FEET}/clutch"
     pedal = feet.pedal(topic)
-    until(lambda: pedal.read() is not None, "it is heard")
-    until(lambda: pedal.doubt == "", "only this one tells of it")
+    eventually(lambda: pedal.read() is not None, "it is heard")
+    eventually(lambda: pedal.doubt == "", "only this one tells of it")
     other = Link("other_feet")
     try:
         other.node.create_publisher(Joy, topic, 10)
-        until(lambda: pedal.doubt == f"{topic} is told by 2 publishers, not by one", "told")
+        eventually(lambda: pedal.doubt == f"{topic} is told by 2 publishers, not by one", "told")
     finally:
         other.close()
-    until(lambda: pedal.doubt == "", "it has gone")
+    eventually(lambda: pedal.doubt == "", "it has gone")
 
 
 def test_a_pedal_of_which_an_old_message_comes_again_is_not_known() -> None:
@@ -99,8 +102,8 @@ def test_a_pedal_of_which_an_old_message_comes_again_is_not_known() -> None:
         topic = "/late/engage"
         pedal = TopicPedal(link, PedalSettings(topic=topic, repeats=False))
         publisher = feet.node.create_publisher(Joy, topic, 10)
-        until(lambda: publisher.get_subscription_count() == 1, "it is heard")
-        until(lambda: link.publishers(topic) == 1, "it is found")
+        eventually(lambda: publisher.get_subscription_count() == 1, "it is heard")
+        eventually(lambda: link.publishers(topic) == 1, "it is found")
 
         def tell(pressed: bool, nanosec: int) -> None:
             message = Joy(buttons=[int(pressed)])
@@ -112,13 +115,13 @@ def test_a_pedal_of_which_an_old_message_comes_again_is_not_known() -> None:
             return None if heard is None else heard.value
 
         tell(True, 100)
-        until(lambda: state() is True, "it is pressed")
+        eventually(lambda: state() is True, "it is pressed")
         tell(False, 200)
-        until(lambda: state() is False, "it is let go")
+        eventually(lambda: state() is False, "it is let go")
         tell(True, 100)
-        until(lambda: state() is None, "that was before")
+        eventually(lambda: state() is None, "that was before")
         tell(True, 300)
-        until(lambda: state() is True, "it is pressed anew")
+        eventually(lambda: state() is True, "it is pressed anew")
     finally:
         feet.close()
         link.close()

@@ -28,9 +28,9 @@ from crtk_drivers.samples import Pose, vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackConfig
-from rigs.loopback_node import serve, until
+from rigs.loopback_node import serve
 from rigs.programs import COMMAND, Start
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 LEADER, FOLLOWER, PEDAL = "/teleop_hand", "/teleop_arm", "/teleop_pedals/engage"
 
@@ -111,7 +111,7 @@ def running(table: Table, **given: Any) -> Iterator[Teleoperation]:
 
 
 def phase(loop: Teleoperation, wanted: Phase) -> None:
-    until(lambda: loop.coupled.phase is wanted, f"{wanted}; it is {loop.coupled}")
+    eventually(lambda: loop.coupled.phase is wanted, f"{wanted}; it is {loop.coupled}")
 
 
 def couple(table: Table, loop: Teleoperation) -> None:
@@ -139,7 +139,7 @@ def test_the_follower_goes_the_way_of_the_leader_and_the_clutch_lets_it_stand(ta
         start, here = position(table.follower), position(table.leader)
         table.leader.move_jp([*(here + vector((0.04, 0.0, -0.02))), 0.0]).wait(LONG)
         goal = start + vector((0.02, 0.0, -0.01))
-        until(lambda: at(table.follower, goal), "half of the way")
+        eventually(lambda: at(table.follower, goal), "half of the way")
 
         table.foot.pressed = False
         phase(loop, Phase.RELEASED)
@@ -157,14 +157,16 @@ def test_a_fault_of_the_follower_holds_both_and_they_begin_again_without_a_jump(
         table.device(FOLLOWER).reported = Condition(OperatingState.FAULT, "too hot")
         phase(loop, Phase.HELD)
         # A command that it refused in FAULT may be heard of before that.
-        until(lambda: loop.coupled.trouble == f"{FOLLOWER} is FAULT", "the fault is what is told")
-        until(lambda: stands(table.leader), "the leader is held")
-        until(lambda: stands(table.follower), "so is the follower")
+        eventually(
+            lambda: loop.coupled.trouble == f"{FOLLOWER} is FAULT", "the fault is what is told"
+        )
+        eventually(lambda: stands(table.leader), "the leader is held")
+        eventually(lambda: stands(table.follower), "so is the follower")
         there = position(table.follower)
 
         table.device(FOLLOWER).reported = Condition()
         table.follower.enable()
-        until(lambda: "let the pedal go first" in loop.coupled.reason, "it must be let go")
+        eventually(lambda: "let the pedal go first" in loop.coupled.reason, "it must be let go")
         table.leader.move_jp([0.3, 0.3, 0.3, 1.0]).wait(LONG)
         assert loop.coupled.phase is Phase.HELD
         couple(table, loop)
@@ -178,7 +180,7 @@ def test_a_pedal_that_was_unplugged_must_be_pressed_anew(table: Table) -> None:
         phase(loop, Phase.HELD)
         assert f"{PEDAL} is not heard" in loop.coupled.reason
         table.foot.plugged = True
-        until(lambda: "let the pedal go first" in loop.coupled.reason, "it is heard again")
+        eventually(lambda: "let the pedal go first" in loop.coupled.reason, "it is heard again")
         couple(table, loop)
 
 
@@ -194,7 +196,7 @@ def test_what_the_follower_refuses_ends_it(table: Table) -> None:
             send(tilted)
             return loop.coupled.phase is Phase.HELD
 
-        until(refused, "they are held")
+        eventually(refused, "they are held")
         assert "refused: " in loop.coupled.trouble
 
 
@@ -218,8 +220,8 @@ def test_a_refusal_of_what_was_sent_before_a_hold_comes_too_late_to_count(table:
 def test_a_leader_that_feels_is_free_while_nothing_is_coupled(table: Table) -> None:
     with running(table, force={"gain": 0.01}) as loop:
         hand = table.device(LEADER)
-        until(lambda: hand.last_setpoint is not None, "it is sent something")
-        until(lambda: hand.last_setpoint.mode is Mode.JOINT_EFFORT, "no force")
+        eventually(lambda: hand.last_setpoint is not None, "it is sent something")
+        eventually(lambda: hand.last_setpoint.mode is Mode.JOINT_EFFORT, "no force")
         assert not hand.last_setpoint.values.any()
         assert loop.coupled.phase is Phase.RELEASED
 
@@ -237,11 +239,11 @@ def test_velocities(table: Table, mode: str) -> None:
                 table.leader.interpolate_jv([0.0, 0.1, 0.0, 0.0])
             return bool(position(table.follower)[1] > start[1] + 0.005)
 
-        until(moves, "it moves")
+        eventually(moves, "it moves")
         table.foot.pressed = False
         phase(loop, Phase.RELEASED)
         table.leader.hold()
-        until(lambda: stands(table.follower), "it stands")
+        eventually(lambda: stands(table.follower), "it stands")
 
 
 def test_a_device_that_lacks_what_it_takes_is_refused(table: Table) -> None:
@@ -276,10 +278,10 @@ def test_the_command_runs_until_it_is_interrupted_and_says_that_both_are_held(
         ) as process,
     ):
         try:
-            until(lambda: process.poll() or "RELEASED" in log.read_text(), "both are ready")
+            eventually(lambda: process.poll() or "RELEASED" in log.read_text(), "both are ready")
             assert process.poll() is None, log.read_text()
             table.foot.pressed = True
-            until(lambda: "FOLLOWING" in log.read_text(), "they are coupled")
+            eventually(lambda: "FOLLOWING" in log.read_text(), "they are coupled")
             process.send_signal(signal.SIGINT)
             assert process.wait(LONG) == 0, log.read_text()
         finally:

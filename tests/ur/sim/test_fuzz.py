@@ -27,8 +27,9 @@ from crtk_sim_backends.ur.ports.rtde import InputClaims, RtdeError, RtdeSession,
 from crtk_sim_backends.ur.ports.script_port import ScriptSession
 from crtk_sim_backends.ur.signals.variables import INPUTS, OUTPUTS
 from rigs.examples import examples
-from rigs.ur_clients import DashboardClient, InterpreterClient, RtdeClient, TcpClient, wait_until
+from rigs.ur_clients import DashboardClient, InterpreterClient, RtdeClient, TcpClient
 from rigs.ur_fuzz_corpus import CORPUS, DASHBOARD, INTERPRETER, ROBOT_API, RTDE, SCRIPT, rtde
+from rigs.waiting import eventually
 
 VERSION = (5, 12, 4, 0)
 SEARCH = settings(
@@ -82,7 +83,7 @@ def test_the_corpus_harms_neither_the_simulator_nor_other_clients(sim, port):
             with TcpClient(sim.host, port) as client, contextlib.suppress(ConnectionError):
                 for piece in in_pieces(data, seed):
                     client.send(piece)
-        wait_until(lambda: sim.control.status()["connections"][port][1:] == [], 20)
+        eventually(lambda: sim.control.status()["connections"][port][1:] == [], timeout=20)
         assert bystander.wait_for(lambda values: values[0] > before + 0.1, 20)
         assert dashboard.ask("robotmode") == "Robotmode: RUNNING"
         status = sim.control.status()
@@ -97,14 +98,16 @@ def test_the_corpus_harms_no_simulator_whose_program_is_in_interpreter_mode(sim)
         before = bystander.data()[0]
         for seed, data in enumerate(INTERPRETER.values()):
             script.send(INTERPRETED.encode())
-            wait_until(lambda: sim.control.status()["runtime_state"] == "PLAYING", 20)
+            eventually(lambda: sim.control.status()["runtime_state"] == "PLAYING", timeout=20)
             with TcpClient(sim.host, "interpreter") as client, contextlib.suppress(ConnectionError):
                 for piece in in_pieces(data, seed):
                     client.send(piece)
             with InterpreterClient(sim.host, 20) as client:
-                wait_until(lambda ask=client.ask: ask("stateunexecuted").startswith("state: 0"), 20)
+                eventually(
+                    lambda ask=client.ask: ask("stateunexecuted").startswith("state: 0"), timeout=20
+                )
             script.send(b"stop program\n")
-            wait_until(lambda: sim.control.status()["runtime_state"] == "STOPPED", 20)
+            eventually(lambda: sim.control.status()["runtime_state"] == "STOPPED", timeout=20)
         assert bystander.wait_for(lambda values: values[0] > before + 0.1, 20)
         assert sim.control.status()["statistics"]["defects"] == 0
         assert sim.running
@@ -121,7 +124,7 @@ def test_the_corpus_of_the_robot_api_harms_nobody(polyscope_x):
             with client, contextlib.suppress(ConnectionError):
                 for piece in in_pieces(data, seed):
                     client.send(piece)
-        wait_until(lambda: sim.control.status()["connections"]["robot_api"] == [], 20)
+        eventually(lambda: sim.control.status()["connections"]["robot_api"] == [], timeout=20)
         assert bystander.wait_for(lambda values: values[0] > before + 0.1, 20)
         assert sim.control.status()["statistics"]["defects"] == 0
 

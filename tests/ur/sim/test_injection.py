@@ -11,8 +11,8 @@ from crtk_sim_backends.control import ControlClient, ControlError
 from crtk_sim_backends.kit import HOOKS
 from crtk_sim_backends.ur import SIM
 from crtk_sim_backends.ur.injection import BEGIN, END, KINDS
-from rigs.ur_clients import PORTS, DashboardClient, PrimaryClient, RtdeClient, TcpClient, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import PORTS, DashboardClient, PrimaryClient, RtdeClient, TcpClient
+from rigs.waiting import LONG, eventually
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_stall_freezes_everything_but_the_control_socket(sim, stream):
 def test_a_timed_stall_ends_by_itself_without_a_burst(sim, stream):
     ticks = sim.control.status()["ticks"]
     sim.control.inject("stall", duration=0.3)
-    wait_until(lambda: not sim.control.status()["faults"])
+    eventually(lambda: not sim.control.status()["faults"])
     assert sim.control.status()["ticks"] >= ticks
     times = [stream.data()[0] for _ in range(20)]
     assert times == sorted(set(times))
@@ -144,7 +144,7 @@ def test_coalesced_packages_arrive_in_lumps(sim, stream):
     sim.control.inject("coalesce", port="rtde", seconds=0.2, direction="out")
     drain(stream)
     # A simulator that is held up leaves periods out, and has little to send.
-    wait_until(lambda: len(stream.socket.recv(65536)) > 20 * 80)
+    eventually(lambda: len(stream.socket.recv(65536)) > 20 * 80)
 
 
 def test_corrupt_data_reaches_the_client(sim):
@@ -196,7 +196,7 @@ def test_answers_of_a_megabyte_arrive_whole(sim):
         for number in range(1500):
             client.write_data(recipe, "48d", *([number / 7.0] * 48))
         before = sim.control.status()["input_packages"]
-        wait_until(lambda: sim.control.status()["input_packages"] >= max(before, 1500))
+        eventually(lambda: sim.control.status()["input_packages"] >= max(before, 1500))
         trace = sim.control.trace()
     assert len(trace) >= 1500
     assert trace[-1]["values"]["input_double_register_47"] == 1499 / 7.0

@@ -22,8 +22,8 @@ from crtk_sim_backends.ur.models import MODELS
 from crtk_sim_backends.ur.motion.calibration import calibrated, kinematics_of
 from crtk_sim_backends.ur.motion.kinematics import to_pose, to_transform
 from crtk_sim_backends.ur.views.scene import _joint, chain
-from rigs.ur_clients import own_address, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import own_address
+from rigs.waiting import LONG, eventually
 
 PAGE = Path(server.__file__).with_name("files")
 JSON = {"Content-Type": "application/json", "Authorization": f"Bearer {token()}"}
@@ -191,7 +191,7 @@ def test_a_ninth_browser_is_refused_and_a_place_becomes_free_again():
             with Events(own) as events:
                 return events.answer.status == 200
 
-        wait_until(free, LONG)
+        eventually(free)
 
 
 def test_a_simulator_that_hangs_is_told_and_comes_back():
@@ -228,7 +228,7 @@ def test_the_page_ends_with_the_simulator(end):
             return True
         return False
 
-    wait_until(refused, LONG)
+    eventually(refused)
 
 
 # ----------------------------------------------------------------------------------------- kinematics
@@ -378,7 +378,7 @@ def test_the_picture_moves_with_the_arm_and_with_the_mouse(shown, sim):
             buttons=1,
             clickCount=1,
         )
-    wait_until(lambda: shown.run(INK)[1] != after, LONG)
+    eventually(lambda: shown.run(INK)[1] != after)
 
 
 WITHIN = """[...document.querySelectorAll("#buttons button")].every((each) => {

@@ -13,8 +13,8 @@ import pytest
 import crtk_sim_backends
 from crtk_sim_backends.process import SimStartError, loopback_addresses
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig
-from rigs.ur_clients import DashboardClient, last_json, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import DashboardClient, last_json
+from rigs.waiting import LONG, eventually
 
 pytestmark = pytest.mark.usefixtures("cold_start")
 
@@ -68,7 +68,7 @@ def test_stop_ends_it_with_exit_code_0_and_frees_its_ports():
 def test_signals_end_it_with_exit_code_0(number):
     with SIM.spawn() as sim:
         os.kill(sim.pid, number)
-        wait_until(lambda: not sim.running)
+        eventually(lambda: not sim.running)
         assert sim.stop() == 0
 
 
@@ -98,7 +98,7 @@ def test_it_ends_when_its_parent_dies():
         check=False,
     )
     pid, _ = last_json(result.stdout)
-    wait_until(lambda: not alive(pid))
+    eventually(lambda: not alive(pid))
 
 
 def test_it_finds_the_packages_of_its_parent_without_pythonpath(monkeypatch):

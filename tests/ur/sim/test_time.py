@@ -11,8 +11,8 @@ import pytest
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig
 from crtk_sim_backends.ur.motion.arm import SUDDEN_CHANGE
 from crtk_sim_backends.ur.pace import Pace, Statistics
-from rigs.ur_clients import DashboardClient, RtdeClient, own_address, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import DashboardClient, RtdeClient, own_address
+from rigs.waiting import LONG, eventually
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 10.0])
@@ -100,7 +100,7 @@ def test_at_ten_times_the_speed_minutes_pass_in_seconds_without_a_lost_period():
 def test_at_a_tenth_of_the_speed_the_time_passes_slowly():
     with SIM.spawn(speed=0.1) as sim:
         before, first = time.monotonic(), sim.control.status()["time"]
-        wait_until(lambda: sim.control.status()["time"] > first + 0.05, LONG)
+        eventually(lambda: sim.control.status()["time"] > first + 0.05)
         last, after = sim.control.status()["time"], time.monotonic()
         # A delay of up to 0.1 s may be made up for.
         assert last - first <= 0.1 * (after - before + 0.1) + 0.002
@@ -123,11 +123,11 @@ def test_periods_that_nobody_waits_for_are_done_with_the_next():
 
 def test_time_that_the_machine_does_not_give_is_counted(capfd):
     with SIM.spawn(speed=10.0) as sim:
-        wait_until(lambda: sim.control.status()["time"] > 1.0, LONG)
+        eventually(lambda: sim.control.status()["time"] > 1.0)
         os.kill(sim.pid, signal.SIGSTOP)
         time.sleep(0.5)  # for so long others have the machine
         os.kill(sim.pid, signal.SIGCONT)
-        wait_until(lambda: sim.control.status()["speed"]["reached"] < 9.5, LONG)
+        eventually(lambda: sim.control.status()["speed"]["reached"] < 9.5)
         assert sim.control.status()["statistics"]["skipped"] > 0
     assert "the machine does not keep up" in capfd.readouterr().err
 
@@ -142,6 +142,6 @@ def test_a_protective_stop_is_locked_for_five_seconds_of_the_controller():
             sim.control.inject("protective_stop")
             return "until 5s" in dashboard.ask("unlock protective stop")
 
-        wait_until(is_locked, LONG)
-        wait_until(lambda: "releasing" in dashboard.ask("unlock protective stop"), LONG)
+        eventually(is_locked)
+        eventually(lambda: "releasing" in dashboard.ask("unlock protective stop"))
         assert sim.control.status()["time"] - before >= 5.0

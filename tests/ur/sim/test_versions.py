@@ -19,8 +19,9 @@ from crtk_sim_backends.ur.messages import (
     TextMessage,
 )
 from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
-from rigs.ur_clients import DashboardClient, PrimaryClient, RtdeClient, wait_until
+from rigs.ur_clients import DashboardClient, PrimaryClient, RtdeClient
 from rigs.ur_controller import Bench
+from rigs.waiting import eventually
 
 pytestmark = pytest.mark.sweep(3)
 
@@ -88,7 +89,7 @@ def test_a_program_is_played_and_paused_and_goes_on(controller):
     ):
         dashboard.ask("load simulation.urp")
         assert dashboard.ask("play") == "Starting program"
-        wait_until(lambda: dashboard.ask("running") == "Program running: true")
+        eventually(lambda: dashboard.ask("running") == "Program running: true")
         assert dashboard.ask("pause") == "Pausing program"
         assert dashboard.ask("programState") == "PAUSED simulation.urp"
         assert dashboard.ask("play") == "Starting program"
@@ -101,9 +102,9 @@ def test_a_stop_of_a_script_is_a_warning_and_unlocked_by_the_port_it_came_from(c
         primary.send(b"protective_stop()\n")
         code, argument, severity = struct.unpack_from(">3i", primary.message(6))
         assert (code, argument, severity) == (209, 0, ReportLevel.WARNING)
-        wait_until(lambda: sim.control.outputs("safety_mode")["safety_mode"] == 3)
+        eventually(lambda: sim.control.outputs("safety_mode")["safety_mode"] == 3)
         primary.send(b"set unlock protective stop\n")
-        wait_until(lambda: sim.control.outputs("safety_mode")["safety_mode"] == 1)
+        eventually(lambda: sim.control.outputs("safety_mode")["safety_mode"] == 1)
         primary.send(b'textmsg("goes on")\n')
         assert primary.message(0) == b"goes on"
 

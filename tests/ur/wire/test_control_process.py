@@ -29,6 +29,7 @@ from crtk_driver_ur.library.supervisor import ControlSupervisor, Notice
 from crtk_drivers.errors import ConnectionLost
 from rigs import ur_watchdog
 from rigs.ur_bench import LENIENT, LONG, QUICK_WATCHDOG, brisk_sim
+from rigs.waiting import eventually
 
 STOPPED, PLAYING = 1, 2
 REGISTER = "input_int_register_0"
@@ -170,7 +171,7 @@ def test_connect_starts_the_program_and_moves_nothing(driver):
     assert driver.outputs("runtime_state") == PLAYING
     assert driver.codes() == [SET_WATCHDOG]
     assert driver.stands()
-    driver.run(1.0)
+    driver.run(1.25 / ur_watchdog.FREQUENCY)
     assert driver.outputs("runtime_state") == PLAYING, "the watchdog is not fed at rest"
 
 
@@ -526,24 +527,17 @@ def test_death_or_freeze_of_the_driver_stops_the_arm(sim, number):
     try:
         assert program.stdout is not None
         pid = int(program.stdout.readline())
-        wait_for(lambda: not driver.stands(), "motion")
+        eventually(lambda: not driver.stands(), "motion")
         program.send_signal(number)
-        wait_for(driver.stands, "the arm stands")
+        eventually(driver.stands, "the arm stands")
         if number is signal.SIGKILL:
-            wait_for(lambda: driver.outputs("runtime_state") == STOPPED, "program stopped")
-            wait_for(lambda: not is_running(pid), "the control process is gone")
+            eventually(lambda: driver.outputs("runtime_state") == STOPPED, "program stopped")
+            eventually(lambda: not is_running(pid), "the control process is gone")
     finally:
         program.kill()
         program.wait()
         program.stdout.close()
-    wait_for(lambda: not is_running(pid), "the control process is gone")
-
-
-def wait_for(happened: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + LONG
-    while not happened():
-        assert time.monotonic() < deadline, f"never: {what}"
-        time.sleep(0.01)
+    eventually(lambda: not is_running(pid), "the control process is gone")
 
 
 def is_running(pid: int) -> bool:
@@ -629,8 +623,8 @@ def test_stalled_controller_ends_the_process_before_the_library_crashes(driver):
 
 def test_silent_driver_stops_the_arm(driver):
     driver.supervisor.move_joint(shifted(driver.outputs("actual_q"), 0, 2.0), 0.3, 2.0)
-    wait_for(lambda: not driver.stands(), "motion")
-    wait_for(driver.stands, "the arm stands although nobody said stop")
+    eventually(lambda: not driver.stands(), "motion")
+    eventually(driver.stands, "the arm stands although nobody said stop")
     driver.event(EventKind.DRIVER_SILENT)
     assert abs(driver.outputs("target_q")[0] - driver.outputs("actual_q")[0]) < 1e-2
     assert driver.outputs("runtime_state") == PLAYING

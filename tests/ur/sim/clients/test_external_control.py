@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 
 from crtk_sim_backends.ur import SIM
-from rigs.ur_clients import PrimaryClient, RtdeClient, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import PrimaryClient, RtdeClient
+from rigs.waiting import LONG, eventually
 
 FOLDER = Path(os.environ.get("UR_CLIENT_LIBRARY", ""))
 pytestmark = pytest.mark.skipif(
@@ -243,10 +243,10 @@ def test_commands_and_the_end(peer: Peer) -> None:
     peer.script_command.sendall(struct.pack(">28i", *command, *[0] * (28 - len(command))))
     peer.until(lambda: peer.state()[2] == pytest.approx(1.5), IDLE)
     peer.command(STOPPED)
-    wait_until(lambda: peer.state()[3] == 1, LONG)
+    eventually(lambda: peer.state()[3] == 1)
 
 
 def test_the_program_ends_without_commands(peer: Peer) -> None:
     peer.at_rest()
     peer.command(IDLE, timeout=0.02)
-    wait_until(lambda: peer.state()[3] == 1, LONG)
+    eventually(lambda: peer.state()[3] == 1)

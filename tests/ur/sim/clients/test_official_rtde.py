@@ -20,7 +20,8 @@ from pathlib import Path
 import pytest
 
 from crtk_sim_backends.ur import SIM
-from rigs.ur_clients import PrimaryClient, wait_until
+from rigs.ur_clients import PrimaryClient
+from rigs.waiting import eventually
 
 FOLDER = Path(os.environ.get("UR_RTDE_PYTHON_CLIENT", ""))
 EXAMPLES = FOLDER / "examples"
@@ -270,7 +271,7 @@ def test_control_loop(model: str, version: str) -> None:
         ) as loop,
         PrimaryClient(sim.host, timeout=TIMEOUT) as primary,
     ):
-        wait_until(lambda: sim.control.status()["input_packages"] > 0, TIMEOUT)
+        eventually(lambda: sim.control.status()["input_packages"] > 0, timeout=TIMEOUT)
         primary.send(CONTROL_LOOP.encode())
         sent, confirmed = [], []
         for _ in range(5):

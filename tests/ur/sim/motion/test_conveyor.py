@@ -14,8 +14,9 @@ from crtk_sim_backends.ur import SIM
 from crtk_sim_backends.ur.messages import ErrorMessage, RuntimeExceptionMessage, TextMessage
 from crtk_sim_backends.ur.safety.modes import RuntimeState, SafetyMode
 from crtk_sim_backends.ur.signals.encoders import RANGES
-from rigs.ur_clients import TcpClient, wait_until
+from rigs.ur_clients import TcpClient
 from rigs.ur_controller import Bench, apart
+from rigs.waiting import eventually
 
 ENABLED = "encoder_enable_pulse_decode(0, 1, 8, 9)\nsleep(0.5)\n"
 LINEAR = "track_conveyor_linear(p[0, 2, 0, 0, 0, 0], 1000)\n"
@@ -279,11 +280,12 @@ def test_a_belt_can_be_moved_at_run_time() -> None:
     with SIM.spawn() as sim, TcpClient(sim.host, "primary") as script:
         script.send(f"def track():\n{ENABLED}{LINEAR}{FOREVER}\nend\n".encode())
         sim.control.inject("conveyor", ticks=100.0)
-        wait_until(
-            lambda: sim.control.outputs("actual_TCP_speed")["actual_TCP_speed"][1] > 0.09, 10.0
+        eventually(
+            lambda: sim.control.outputs("actual_TCP_speed")["actual_TCP_speed"][1] > 0.09,
+            timeout=10.0,
         )
         sim.control.clear("conveyor")
-        wait_until(lambda: sim.control.outputs("target_qd")["target_qd"] == [0.0] * 6)
+        eventually(lambda: sim.control.outputs("target_qd")["target_qd"] == [0.0] * 6)
 
 
 # Offsets of the path.

@@ -3,7 +3,8 @@
 import pytest
 
 from crtk_sim_backends.ur import SIM, ConfigError
-from rigs.ur_clients import DashboardClient, PrimaryClient, wait_until
+from rigs.ur_clients import DashboardClient, PrimaryClient
+from rigs.waiting import eventually
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +80,7 @@ def test_lines_may_be_split_joined_and_end_in_crlf(dashboard):
 def test_log_and_pop_up_can_be_looked_at(sim, dashboard):
     dashboard.ask("addToLog  cell door opened")
     dashboard.ask("popup close the door")
-    status = wait_until(lambda: (now := sim.control.status())["popup"] == "close the door" and now)
+    status = eventually(lambda: (now := sim.control.status())["popup"] == "close the door" and now)
     assert status["log"][-1]["text"] == "cell door opened"
     with PrimaryClient(sim.host) as primary:
         primary.send(b"nothing_such()\n")
@@ -98,11 +99,11 @@ def test_power_off_power_on_and_brake_release():
     with SIM.spawn(powered_on=False) as sim, DashboardClient(sim.host) as dashboard:
         assert dashboard.ask("robotmode") == "Robotmode: POWER_OFF"
         assert dashboard.ask("power on") == "Powering on"
-        wait_until(lambda: dashboard.ask("robotmode") == "Robotmode: IDLE")
+        eventually(lambda: dashboard.ask("robotmode") == "Robotmode: IDLE")
         assert dashboard.ask("brake release") == "Brake releasing"
-        wait_until(lambda: dashboard.ask("robotmode") == "Robotmode: RUNNING")
+        eventually(lambda: dashboard.ask("robotmode") == "Robotmode: RUNNING")
         assert dashboard.ask("power off") == "Powering off"
-        wait_until(lambda: dashboard.ask("robotmode") == "Robotmode: POWER_OFF")
+        eventually(lambda: dashboard.ask("robotmode") == "Robotmode: POWER_OFF")
 
 
 def test_a_program_is_loaded_played_paused_and_stopped(sim):
@@ -116,18 +117,18 @@ def test_a_program_is_loaded_played_paused_and_stopped(sim):
         )
         assert dashboard.ask("programState") == "STOPPED external_control.urp"
         assert dashboard.ask("play") == "Starting program"
-        wait_until(lambda: dashboard.ask("programState") == "PLAYING external_control.urp")
+        eventually(lambda: dashboard.ask("programState") == "PLAYING external_control.urp")
         assert dashboard.ask("running") == "Program running: true"
         assert dashboard.ask("pause") == "Pausing program"
-        wait_until(lambda: dashboard.ask("programState") == "PAUSED external_control.urp")
+        eventually(lambda: dashboard.ask("programState") == "PAUSED external_control.urp")
         assert dashboard.ask("running") == "Program running: false"
         assert dashboard.ask("play") == "Starting program"
         # While it speeds up again already (tests of UR's client library, which ask at once).
         assert dashboard.ask("running") == "Program running: true"
         assert dashboard.ask("programState") == "PLAYING external_control.urp"
-        wait_until(lambda: dashboard.ask("programState") == "PLAYING external_control.urp")
+        eventually(lambda: dashboard.ask("programState") == "PLAYING external_control.urp")
         assert dashboard.ask("stop") == "Stopped"
-        wait_until(lambda: dashboard.ask("programState") == "STOPPED external_control.urp")
+        eventually(lambda: dashboard.ask("programState") == "STOPPED external_control.urp")
 
 
 def test_a_protective_stop_cannot_be_unlocked_at_once():
@@ -139,16 +140,15 @@ def test_a_protective_stop_cannot_be_unlocked_at_once():
             answer = dashboard.ask("unlock protective stop")
             return answer.startswith("Cannot unlock protective stop")
 
-        wait_until(is_locked)
+        eventually(is_locked)
         answers = []
-        wait_until(
+        eventually(
             lambda: (
                 answers.append(dashboard.ask("unlock protective stop"))
                 or answers[-1] == "Protective stop releasing"
             ),
-            pause=0.1,
         )
-        wait_until(lambda: dashboard.ask("safetystatus") == "Safetystatus: NORMAL")
+        eventually(lambda: dashboard.ask("safetystatus") == "Safetystatus: NORMAL")
 
 
 @pytest.mark.parametrize(
@@ -214,7 +214,7 @@ def test_manual_mode_refuses_what_needs_remote_control_until_it_ends():
         assert dashboard.ask("power off").startswith("Command is not allowed")
         assert dashboard.ask("popup here").startswith("showing")
         sim.control.inject("enabling_device_released")
-        wait_until(
+        eventually(
             lambda: (
                 dashboard.ask("safetystatus") == "Safetystatus: SYSTEM_THREE_POSITION_ENABLING_STOP"
             )
@@ -262,7 +262,7 @@ def test_programs_come_from_a_folder(tmp_path):
         assert dashboard.ask("load installation cell.installation").startswith("Loading")
         with PrimaryClient(sim.host) as primary:
             assert dashboard.ask("play") == "Starting program"
-            wait_until(lambda: primary.message(7)[9:] == b"PROGRAM_XXX_STARTEDpick")
+            eventually(lambda: primary.message(7)[9:] == b"PROGRAM_XXX_STARTEDpick")
         assert dashboard.ask("programState") == "PLAYING pick.urp"
         assert dashboard.ask("load installation cell.installation").startswith("Failed to load")
 
@@ -283,7 +283,7 @@ def test_polyscope_x_has_no_dashboard():
 def test_shutdown_ends_the_simulator():
     with SIM.spawn() as sim, DashboardClient(sim.host) as dashboard:
         assert dashboard.ask("shutdown") == "Shutting down"
-        wait_until(lambda: not sim.running)
+        eventually(lambda: not sim.running)
         assert sim.stop() == 0
 
 

@@ -6,8 +6,8 @@ import socket
 import pytest
 
 from crtk_sim_backends.ur import SIM
-from rigs.ur_clients import DashboardClient, InterpreterClient, PrimaryClient, TcpClient, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import DashboardClient, InterpreterClient, PrimaryClient, TcpClient
+from rigs.waiting import LONG, eventually
 
 PROGRAM = "def waits():\n  global a = 1\n  interpreter_mode(clearQueueOnEnter=False)\nend\n"
 REPLY = re.compile(r"(\w+):\W+(\d+)?")
@@ -25,10 +25,10 @@ def program(sim):
     """A program in interpreter mode, or about to be."""
     with TcpClient(sim.host, "primary") as script:
         script.send(b"stop program\n" + PROGRAM.encode())
-        wait_until(lambda: status(sim)["program"] == "waits" and playing(sim), LONG)
+        eventually(lambda: status(sim)["program"] == "waits" and playing(sim))
         yield
         script.send(b"stop program\n")
-        wait_until(lambda: not playing(sim), LONG)
+        eventually(lambda: not playing(sim))
     sim.control.clear()
 
 
@@ -50,22 +50,22 @@ def test_a_client_sends_statements_follows_them_and_ends_the_mode(sim, program):
         client.ask("a = twice(21)")
         last = number(client.ask("set_standard_digital_out(3, a == 42)"))
         assert (first, last) == (1, 3)
-        wait_until(lambda: number(client.ask("statelastexecuted")) == last, LONG)
+        eventually(lambda: number(client.ask("statelastexecuted")) == last)
         out = "actual_digital_output_bits"
-        wait_until(lambda: sim.control.outputs(out)[out] & 8, LONG)
+        eventually(lambda: sim.control.outputs(out)[out] & 8)
         assert client.ask("x = = 1") == "discard: Syntax error: x = = 1"
         assert client.ask("end_interpreter()") == "ack: 4: end_interpreter()"
-        wait_until(lambda: not playing(sim), LONG)
+        eventually(lambda: not playing(sim))
         assert client.ask("a = 1") == "discard: Program is in an invalid state: a = 1"
 
 
 def test_a_line_on_the_script_port_is_enough_to_enter_the_mode(sim):
     with TcpClient(sim.host, "secondary") as script, InterpreterClient(sim.host) as client:
         script.send(b"interpreter_mode()\n")
-        wait_until(lambda: client.ask("statelastinterpreted") and playing(sim), LONG)
-        wait_until(lambda: client.ask("x = 1").startswith("ack: "), LONG)
+        eventually(lambda: client.ask("statelastinterpreted") and playing(sim))
+        eventually(lambda: client.ask("x = 1").startswith("ack: "))
         client.ask("end_interpreter()")
-        wait_until(lambda: not playing(sim), LONG)
+        eventually(lambda: not playing(sim))
 
 
 def test_lines_that_come_at_once_are_answered_in_their_order(sim, program):
@@ -85,7 +85,7 @@ def test_what_a_client_sent_is_executed_after_it_has_gone(sim, program):
     with InterpreterClient(sim.host) as client:
         client.ask("sleep(0.2)")
         client.ask("end_interpreter()")
-    wait_until(lambda: not playing(sim), LONG)
+    eventually(lambda: not playing(sim))
 
 
 def test_a_half_open_client_gets_its_answers(sim, program):
@@ -100,7 +100,7 @@ def test_a_runtime_error_reaches_primary_clients_and_the_script_ports_go_on(sim,
     with PrimaryClient(sim.host) as primary, InterpreterClient(sim.host) as client:
         client.ask("textmsg([1][3])")
         assert b"Index out of range" in primary.message(10, LONG)
-        wait_until(lambda: not playing(sim), LONG)
+        eventually(lambda: not playing(sim))
         with DashboardClient(sim.host) as dashboard:
             assert dashboard.ask("running") == "Program running: false"
 
@@ -118,7 +118,7 @@ def test_a_client_that_does_not_read_loses_its_connection_and_others_do_not_noti
         with pytest.raises(ConnectionError):
             greedy.send(line * 10_000)
         assert number(client.ask("statelastinterpreted")) >= 0
-        wait_until(lambda: len(status(sim)["connections"]["interpreter"]) == 1, LONG)
+        eventually(lambda: len(status(sim)["connections"]["interpreter"]) == 1)
     assert status(sim)["statistics"]["defects"] == 0
 
 
@@ -162,7 +162,7 @@ def test_dropped_data_takes_lines_away(sim, program):
     with InterpreterClient(sim.host) as client:
         client.send(b"a = 1\n")
         clients = lambda: status(sim)["connections"]["interpreter"]  # noqa: E731
-        wait_until(lambda: any(client["bytes_in"] for client in clients()), LONG)
+        eventually(lambda: any(client["bytes_in"] for client in clients()))
         sim.control.clear("drop")
         assert client.ask("a = 2") == "ack: 1: a = 2"
 

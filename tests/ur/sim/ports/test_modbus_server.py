@@ -15,9 +15,9 @@ from pymodbus.client import ModbusTcpClient
 
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig, SimStartError
 from crtk_sim_backends.ur.ports.modbus_server import ModbusSession
-from rigs.ur_clients import TcpClient, own_address, wait_until
+from rigs.ur_clients import TcpClient, own_address
 from rigs.ur_controller import Bench
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 UNPRIVILEGED = Path("/proc/sys/net/ipv4/ip_unprivileged_port_start")
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
@@ -59,7 +59,7 @@ def test_a_client_reads_the_state(client):
 
 def test_outputs_are_set_and_come_back_over_a_wire(sim, client):
     assert client.write_coil(17, True).bits == [True]
-    wait_until(lambda: client.read_discrete_inputs(5, count=1).bits[0], LONG)
+    eventually(lambda: client.read_discrete_inputs(5, count=1).bits[0])
     assert client.read_holding_registers(1, count=1).registers == [0b10]
     assert sim.control.outputs("actual_digital_input_bits")["actual_digital_input_bits"] == 1 << 5
     assert client.write_register(3, 0b10).registers == [0b10]  # the mask that switches off
@@ -73,7 +73,7 @@ def test_general_purpose_registers_are_the_programs_too(sim, client):
     client.write_registers(130, [1, 2, 65535])
     with TcpClient(sim.host, "primary", LONG) as port:
         port.send(b"sec copy():\n  write_port_register(140, read_port_register(132) - 1)\nend\n")
-        wait_until(lambda: client.read_holding_registers(140, count=1).registers == [65534], LONG)
+        eventually(lambda: client.read_holding_registers(140, count=1).registers == [65534])
     assert client.read_holding_registers(128, count=5).registers == [0, 0, 1, 2, 65535]
 
 
@@ -154,7 +154,7 @@ def test_faults_of_the_wire_concern_the_server_too(sim, client):
         sim.control.clear("silence")
         assert waiting.read(11)
     sim.control.inject("disconnect", port="modbus")
-    wait_until(lambda: not sim.control.status()["connections"]["modbus"], LONG)
+    eventually(lambda: not sim.control.status()["connections"]["modbus"])
 
 
 def test_it_is_off_unless_it_is_asked_for(sim):

@@ -7,7 +7,8 @@ import struct
 import pytest
 
 from crtk_sim_backends.ur import SIM
-from rigs.ur_clients import PrimaryClient, TcpClient, subpackages, wait_until
+from rigs.ur_clients import PrimaryClient, TcpClient, subpackages
+from rigs.waiting import eventually
 
 SIZES = {0: 42, 1: 246, 2: 32, 4: 96, 5: 220, 6: 440, 7: 56, 8: 4}
 """Bodies of the robot state's sub-packages in bytes, from the interface description."""
@@ -69,9 +70,9 @@ def test_the_state_says_what_rtde_says(sim):
 def test_the_state_tells_how_the_line_to_the_tool_is_set(sim):
     with PrimaryClient(sim.host) as client:
         client.send(b"set_tool_communication(True, 9600, 2, 1, 2.0, 4.0)\n")
-        wait_until(lambda: struct.unpack(">?3I2f", client.state()[11]) == (1, 9600, 2, 1, 2.0, 4.0))
+        eventually(lambda: struct.unpack(">?3I2f", client.state()[11]) == (1, 9600, 2, 1, 2.0, 4.0))
         client.send(b"set_tool_communication(False, 115200, 0, 1, 1.5, 3.5)\n")
-        wait_until(lambda: not client.state()[11][0])
+        eventually(lambda: not client.state()[11][0])
 
 
 def test_states_come_ten_times_a_second(sim):
@@ -122,7 +123,7 @@ def test_switching_to_local_control_drops_the_script_clients():
             again.send(b'textmsg("never")\n')
             assert struct.unpack_from(">i", again.message(6)) == (210,)
             own.control.clear("local_control")
-            wait_until(lambda: own.control.status()["remote"])
+            eventually(lambda: own.control.status()["remote"])
             again.send(b'textmsg("never")\n')  # opened in local control, it stays read-only
             assert struct.unpack_from(">i", again.message(6)) == (210,)
             with PrimaryClient(own.host) as anew:
@@ -137,11 +138,11 @@ def test_plain_commands_on_a_script_port():
             return own.control.status()["robot_mode"]
 
         client.send(b"power on\n")
-        wait_until(lambda: mode() == "IDLE")
+        eventually(lambda: mode() == "IDLE")
         client.send(b"set robotmode run\n")
-        wait_until(lambda: mode() == "RUNNING")
+        eventually(lambda: mode() == "RUNNING")
         client.send(b"power off\n")
-        wait_until(lambda: mode() == "POWER_OFF")
+        eventually(lambda: mode() == "POWER_OFF")
 
 
 @pytest.mark.parametrize(
@@ -174,7 +175,7 @@ def test_clients_that_never_read_do_not_stop_the_controller(sim):
     """ur_rtde uploads its script on 30003 and never reads what comes back."""
     with TcpClient(sim.host, "realtime") as lazy, PrimaryClient(sim.host) as reader:
         clients = lambda: sim.control.status()["connections"]["realtime"]  # noqa: E731
-        wait_until(lambda: any(client["dropped"] > 10 for client in clients()))
+        eventually(lambda: any(client["dropped"] > 10 for client in clients()))
         reader.state()
         lazy.send(b'def late():\n  textmsg("alive")\nend\n')
         assert reader.message(0, 30) == b"alive"
@@ -186,7 +187,7 @@ def test_a_motion_sent_as_text_moves_the_arm(model, version):
         start = own.control.outputs("actual_q")["actual_q"]
         goal = [start[0] + 0.1, *start[1:]]
         client.send(f"movej({goal}, a=5, v=2)\n".encode())
-        wait_until(
+        eventually(
             lambda: own.control.outputs("actual_q")["actual_q"] == pytest.approx(goal, abs=1e-3)
         )
 
@@ -201,5 +202,5 @@ def test_a_long_title_of_a_popup_is_cut(sim):
 def test_a_program_can_shut_the_robot_down():
     with SIM.spawn() as sim, TcpClient(sim.host, "primary") as script:
         script.send(b"powerdown()\n")
-        wait_until(lambda: not sim.running)
+        eventually(lambda: not sim.running)
         assert sim.stop() == 0

@@ -10,7 +10,8 @@ import zipfile
 import pytest
 
 from crtk_sim_backends.ur import SIM, ConfigError
-from rigs.ur_clients import TcpClient, wait_until
+from rigs.ur_clients import TcpClient
+from rigs.waiting import eventually
 
 BASE = "/universal-robots/robot-api"
 
@@ -170,7 +171,7 @@ def test_unlocking_a_protective_stop_waits_until_it_may_be():
     with spawn(lock_seconds=1.0) as sim, Api(sim) as api:
         began = sim.control.status()["time"]
         sim.control.inject("protective_stop")
-        wait_until(lambda: api.get("/robotstate/v1/safetymode")["mode"] == "PROTECTIVE_STOP")
+        eventually(lambda: api.get("/robotstate/v1/safetymode")["mode"] == "PROTECTIVE_STOP")
         assert api.ask("PUT", "/robotstate/v1/state", action="UNLOCK_PROTECTIVE_STOP")[0] == 200
         assert api.get("/robotstate/v1/safetymode") == {"mode": "NORMAL"}
         assert sim.control.status()["time"] - began > 1.0

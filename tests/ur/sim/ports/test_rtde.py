@@ -7,7 +7,8 @@ import pytest
 
 from crtk_sim_backends.ur import SIM
 from crtk_sim_backends.ur.signals.variables import INPUTS, OUTPUTS
-from rigs.ur_clients import SIZES, RtdeClient, TcpClient, wait_until
+from rigs.ur_clients import SIZES, RtdeClient, TcpClient
+from rigs.waiting import eventually
 
 
 @pytest.fixture(scope="module")
@@ -213,7 +214,7 @@ def test_inputs_are_claimed_and_freed_at_disconnect(sim):
         assert second.setup_inputs("input_int_register_4") == (1, ["INT32"])
         assert second.setup_inputs("no_such_input") == (0, ["NOT_FOUND"])
         first.close()
-        wait_until(lambda: second.setup_inputs("input_int_register_3")[0])
+        eventually(lambda: second.setup_inputs("input_int_register_3")[0])
 
 
 def test_every_input_can_be_claimed(client):
@@ -297,7 +298,7 @@ def test_a_client_that_does_not_read_loses_packages_and_disturbs_nobody(sim):
         assert lazy.start()
         other.setup_outputs("timestamp")
         other.start()
-        wait_until(lambda: sim.control.status()["statistics"]["rtde_dropped"] > 10)
+        eventually(lambda: sim.control.status()["statistics"]["rtde_dropped"] > 10)
         times = [other.data()[0] for _ in range(50)]
         assert times == sorted(set(times))
         behind = [lazy.data()[-1] for _ in range(1000)]
@@ -311,7 +312,7 @@ def test_a_client_that_never_reads_is_closed():
     with SIM.spawn() as own, RtdeClient(own.host) as lazy:
         lazy.setup_outputs(names)
         lazy.start()
-        wait_until(lambda: not own.control.status()["connections"]["rtde"], 20, pause=0.2)
+        eventually(lambda: not own.control.status()["connections"]["rtde"], timeout=20)
         assert lazy.closed_by_peer()
 
 
@@ -340,7 +341,7 @@ def test_an_input_that_another_client_has_is_in_use_until_that_one_is_gone(sim):
             assert first.setup_inputs("input_int_register_30")[0] == 2  # its own, once more
             number, types = second.setup_inputs("input_int_register_30,input_int_register_31")
             assert (number, types) == (0, ["IN_USE", "INT32"])
-        wait_until(
+        eventually(
             lambda: second.setup_inputs("input_int_register_30,input_int_register_31")[0] == 1
         )
 
@@ -357,7 +358,7 @@ def test_a_fieldbus_has_the_lower_registers_to_itself():
             ("input_bit_registers32_to_63", 2.0**32 - 1, 0xFFFFFFFF),
         ):
             own.control.inject("fieldbus_input", register=name, value=value)
-            wait_until(lambda name=name, seen=seen: own.control.outputs(name)[name] == seen)
+            eventually(lambda name=name, seen=seen: own.control.outputs(name)[name] == seen)
 
 
 def test_configurable_inputs_have_bits_of_their_own(sim, client):
@@ -392,7 +393,7 @@ def test_the_trace_tells_when_which_input_package_arrived(sim, client):
     before = sim.control.status()["input_packages"]
     for value in (1, 2, 2, 3):
         client.write_data(recipe, "i", value)
-    trace = wait_until(lambda: [*sim.control.trace(before)][3:] and sim.control.trace(before))
+    trace = eventually(lambda: [*sim.control.trace(before)][3:] and sim.control.trace(before))
     assert [entry["values"] for entry in trace] == [
         {"input_int_register_10": value} for value in (1, 2, 2, 3)
     ]

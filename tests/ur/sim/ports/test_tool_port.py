@@ -11,8 +11,8 @@ import serial
 from crtk_sim_backends import dynamixel
 from crtk_sim_backends.ur import SIM, ConfigError, SimConfig, SimStartError
 from rigs.dynamixel_packets import crc
-from rigs.ur_clients import TcpClient, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import TcpClient
+from rigs.waiting import LONG, eventually
 
 TOOL = 54321
 
@@ -60,14 +60,13 @@ def run_script(sim, body):
     before = sim.control.outputs("output_int_register_9")["output_int_register_9"]
     with TcpClient(sim.host, "secondary", LONG) as port:
         port.send(f"sec tool():\n{body}\n{done}\nend\n".encode())
-        wait_until(
+        eventually(
             lambda: sim.control.outputs("output_int_register_9")["output_int_register_9"] > before,
-            LONG,
         )
 
 
 def line_of(sim):
-    wait_until(lambda: not sim.control.status()["connections"]["tool"], LONG)  # one at a time
+    eventually(lambda: not sim.control.status()["connections"]["tool"])  # one at a time
     return serial.serial_for_url(f"socket://{sim.host}:{TOOL}", timeout=LONG)
 
 
@@ -110,7 +109,7 @@ def test_without_supply_the_tool_is_silent(sim, echo):
         del echo.heard[:]
         line.write(b"lost")
         clients = lambda: sim.control.status()["connections"]["tool"]  # noqa: E731
-        wait_until(lambda: any(client["bytes_in"] for client in clients()), LONG)
+        eventually(lambda: any(client["bytes_in"] for client in clients()))
         line.timeout = 0.1
         assert line.read(4) == b""
         run_script(sim, "set_tool_voltage(12)")
@@ -137,7 +136,7 @@ def test_faults_of_the_wire_concern_the_tool_too(sim):
         sim.control.inject("drop", port="tool", direction="in", every=1)
         line.write(b"lost")
         clients = lambda: sim.control.status()["connections"]["tool"]  # noqa: E731
-        wait_until(lambda: any(client["bytes_in"] for client in clients()), LONG)
+        eventually(lambda: any(client["bytes_in"] for client in clients()))
         sim.control.clear("drop")
         line.write(b"kept")
         assert line.read(4) == b"kept"
@@ -159,7 +158,7 @@ def test_a_device_that_went_away_is_found_again(tmp_path):
                     line.write(b"?")
                     return line.read(1)
 
-                wait_until(answered, LONG)
+                eventually(answered)
 
 
 def ping(number):

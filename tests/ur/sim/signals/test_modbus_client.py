@@ -8,8 +8,8 @@ import threading
 import pytest
 
 from crtk_sim_backends.ur import SIM
-from rigs.ur_clients import PrimaryClient, TcpClient, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import PrimaryClient, TcpClient
+from rigs.waiting import LONG, eventually
 
 READS, WRITES = (1, 2, 3, 4), (5, 6, 15, 16, 23)
 COUNTER = "output_int_register_9"
@@ -111,7 +111,7 @@ def run(sim, body):
         port.send(
             f"sec modbus():\n{body}\nwrite_output_integer_register(9, {before + 1})\nend\n".encode()
         )
-        wait_until(lambda: output(sim, COUNTER) == before + 1, LONG)
+        eventually(lambda: output(sim, COUNTER) == before + 1)
 
 
 def add(unit, name, kind, address=5, count=1):
@@ -136,7 +136,7 @@ def test_register_inputs_are_read_all_the_time(sim, unit):
     assert unit.requests[0] == (7, 4, struct.pack(">HH", 5, 1))
     unit.words[5] = 77
     seen = len(unit.requests)
-    wait_until(lambda: len(unit.requests) > seen + 4, LONG)
+    eventually(lambda: len(unit.requests) > seen + 4)
     run(sim, read.format(0, "one").replace("'", '"'))
     assert output(sim, "output_int_register_0") == 77
 
@@ -165,7 +165,7 @@ def test_outputs_are_read_until_they_are_set(sim, unit, kind, function, setting,
     run(sim, add(unit, "out", kind) + 'x = modbus_get_signal_status("out")')
     assert not any(unit.asked(write) for write in WRITES)
     run(sim, setting)
-    wait_until(lambda: unit.words[5:6] == words, LONG)
+    eventually(lambda: unit.words[5:6] == words)
     assert unit.asked(function)
 
 
@@ -177,7 +177,7 @@ def test_a_short_list_leaves_the_other_registers(sim, unit):
         + 'x = modbus_get_signal_status("list")\n'
         + 'modbus_set_output_register("list", [8, 9])',
     )
-    wait_until(lambda: unit.words[10:13] == [8, 9, 3], LONG)
+    eventually(lambda: unit.words[10:13] == [8, 9, 3])
 
 
 def test_a_signal_that_reads_and_writes(sim, unit):
@@ -189,9 +189,9 @@ def test_a_signal_that_reads_and_writes(sim, unit):
     assert [output(sim, f"output_int_register_{i}") for i in range(3)] == [1, 2, 3]
     assert {function for _, function, _ in unit.requests} == {3}
     run(sim, 'modbus_set_output_register("both", [30])')
-    wait_until(lambda: unit.words[5:9] == [1, 2, 30, 0], LONG)  # the ranges overlap
+    eventually(lambda: unit.words[5:9] == [1, 2, 30, 0])  # the ranges overlap
     run(sim, 'modbus_set_output_register("both", [31, 32])')
-    wait_until(lambda: unit.words[7:9] == [31, 32], LONG)
+    eventually(lambda: unit.words[7:9] == [31, 32])
     run(sim, f"{read}while a[2] != 31:\n  sync()\n  {read}end")
     assert unit.requests[-1] == (7, 23, struct.pack(">HHHHBHH", 5, 3, 7, 2, 4, 31, 32))
 
@@ -217,13 +217,13 @@ def test_a_deleted_signal_is_asked_for_no_more(sim, unit):
         run(sim, add(other, "here", 2) + 'x = modbus_get_signal_status("here")')
         asked = len(unit.requests)
         seen = len(other.requests)
-        wait_until(lambda: len(other.requests) > seen + 3, LONG)
+        eventually(lambda: len(other.requests) > seen + 3)
         assert len(unit.requests) <= asked + 1  # one may have been under way
 
 
 def test_a_custom_command_goes_out_as_it_is(sim, unit):
     run(sim, f'modbus_send_custom_command("127.0.0.1:{unit.port}", 103, 6, [0, 32, 2, 88])')
-    wait_until(lambda: unit.words[32] == 600, LONG)
+    eventually(lambda: unit.words[32] == 600)
     assert unit.requests == [(103, 6, bytes([0, 32, 2, 88]))]
 
 
@@ -235,15 +235,15 @@ def test_errors_of_device_and_connection_are_reported(sim, unit):
     run(sim, add(unit, "sick", 2) + 'x = modbus_get_signal_status("sick")')
     assert error() == 0
     unit.exception = 4
-    wait_until(lambda: error() == 4, LONG)
+    eventually(lambda: error() == 4)
     run(sim, 'write_output_float_register(0, modbus_get_time_since_signal_invalid("sick"))')
     assert output(sim, "output_double_register_0") > 0.0
     unit.exception, unit.mute = 0, True
-    wait_until(lambda: error(2) == 110, LONG)  # ETIMEDOUT
+    eventually(lambda: error(2) == 110)  # ETIMEDOUT
     unit.close()
-    wait_until(lambda: error() == -2 << 16, LONG)
+    eventually(lambda: error() == -2 << 16)
     with Unit(port=unit.port):
-        wait_until(lambda: error() == 0, LONG)
+        eventually(lambda: error() == 0)
 
 
 def test_a_signal_that_stays_invalid_ends_the_program(sim, unit):
@@ -267,7 +267,7 @@ def test_the_last_value_holds_until_the_watchdog(sim, unit):
     )
     unit.exception = 4
     seen = len(unit.requests)
-    wait_until(lambda: len(unit.requests) > seen + 2, LONG)
+    eventually(lambda: len(unit.requests) > seen + 2)
     run(sim, 'write_output_integer_register(0, modbus_get_signal_status("held"))')
     assert output(sim, "output_int_register_0") == 5
 
@@ -276,7 +276,7 @@ def test_a_connection_can_be_reset(sim, unit):
     run(sim, add(unit, "reset", 2) + 'x = modbus_get_signal_status("reset")')
     assert len(unit._peers) == 1
     run(sim, f'modbus_reset_connection("127.0.0.1:{unit.port}")')
-    wait_until(lambda: len(unit._peers) == 2, LONG)
+    eventually(lambda: len(unit._peers) == 2)
 
 
 def test_an_output_follows_the_program(sim, unit):
@@ -287,9 +287,9 @@ def test_an_output_follows_the_program(sim, unit):
     )
     with TcpClient(sim.host, "primary", LONG) as port:
         port.send(b"def runs():\n  while True:\n    sync()\n  end\nend\n")
-        wait_until(lambda: unit.words[5] == 1, LONG)
+        eventually(lambda: unit.words[5] == 1)
         port.send(b"stop program\n")
-        wait_until(lambda: unit.words[5] == 0, LONG)
+        eventually(lambda: unit.words[5] == 0)
 
 
 def test_a_digital_input_switches_freedrive_on(sim, unit):
@@ -298,9 +298,9 @@ def test_a_digital_input_switches_freedrive_on(sim, unit):
     sim.control.inject("external_force", wrench=[0.0, 0.0, -50.0, 0.0, 0.0, 0.0])
     assert not any(output(sim, "actual_qd"))
     unit.words[5] = 1
-    wait_until(lambda: any(output(sim, "actual_qd")), LONG)
+    eventually(lambda: any(output(sim, "actual_qd")))
     unit.words[5] = 0
-    wait_until(lambda: not any(output(sim, "actual_qd")), LONG)
+    eventually(lambda: not any(output(sim, "actual_qd")))
     sim.control.clear("external_force")
 
 

@@ -19,8 +19,8 @@ from crtk_sim_backends.ur.signals.recording import (
 )
 from crtk_sim_backends.ur.signals.variables import OUTPUTS, initial_image
 from crtk_sim_backends.ur.views.replay import ReplayedController, load
-from rigs.ur_clients import SIZES, DashboardClient, PrimaryClient, RtdeClient, TcpClient, wait_until
-from rigs.waiting import LONG
+from rigs.ur_clients import SIZES, DashboardClient, PrimaryClient, RtdeClient, TcpClient
+from rigs.waiting import eventually
 
 VERSION = (5, 12, 4, 0)
 
@@ -159,7 +159,7 @@ def test_every_variable_has_columns_that_name_it_and_no_other():
 def test_the_simulator_records_what_it_publishes_from_its_first_period_on(path):
     options = {"record": str(path), "record_variables": "actual_q, robot_mode", "speed": 10.0}
     with SIM.spawn(**options) as sim:
-        wait_until(lambda: sim.control.status()["record"]["rows"] > 1000, LONG)
+        eventually(lambda: sim.control.status()["record"]["rows"] > 1000)
     assert path.read_text().splitlines()[0] == (
         "timestamp actual_q_0 actual_q_1 actual_q_2 actual_q_3 actual_q_4 actual_q_5 robot_mode"
     )
@@ -174,7 +174,7 @@ def test_the_rate_is_the_controllers_and_faults_are_in_its_time(path, tmp_path):
     faults.write_text("- {at: 5.0, kind: safeguard_stop}\n")
     options = {"record": str(path), "record_rate": 125.0, "speed": 10.0, "faults": str(faults)}
     with SIM.spawn(**options) as sim:
-        wait_until(lambda: sim.control.status()["time"] > 6.0, LONG)
+        eventually(lambda: sim.control.status()["time"] > 6.0)
     recording = read_recording(path)
     assert recording.times[1] - recording.times[0] == pytest.approx(0.008)
     modes = list(recording.column("safety_mode"))
@@ -201,7 +201,7 @@ def test_a_full_disk_ends_the_recording_and_is_told(path, caplog):
     recorder._file = open("/dev/full", "w")  # noqa: SIM115 - closed by the recorder
     recorder.start()
     recorder.add({"timestamp": 0.002}, 1)
-    wait_until(lambda: recorder.error, LONG)
+    eventually(lambda: recorder.error)
     assert "No space left" in recorder.error
     recorder.add({"timestamp": 0.004}, 2)
     assert recorder.status["lost"] == 2
@@ -285,7 +285,7 @@ def test_a_client_gets_the_very_packages_that_were_published(path):
     names = "timestamp,actual_q,robot_mode,joint_mode,actual_digital_output_bits"
     variables = names.replace("timestamp,", "")
     with SIM.spawn(record=str(path), record_variables=variables, speed=5.0) as sim:
-        wait_until(lambda: sim.control.status()["record"]["rows"] > 500, LONG)
+        eventually(lambda: sim.control.status()["record"]["rows"] > 500)
     recording = read_recording(path)
     with SIM.spawn(replay=str(path), speed=2.0) as sim, RtdeClient(sim.host) as client:
         client.setup_outputs(names)
