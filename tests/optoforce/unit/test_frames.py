@@ -63,10 +63,28 @@ def test_known_frames(text: str) -> None:
     assert stream_decoder().feed(bytes.fromhex(text)) == [KNOWN[text]]
 
 
-def test_what_it_is_told() -> None:
-    assert frames.configuration(100, 15.0, zero=False).hex() == "aa0032030a040000ed"
-    assert frames.configuration(1000, None, zero=True).hex() == "aa0032030100ff01df"
+CONFIGURATIONS = {
+    "AA003203 01 00 FF 01DF": (1000, None, True),
+    "AA003203 03 01 00 00E3": (333, 500.0, False),
+    "AA003203 0A 02 00 00EB": (100, 150.0, False),
+    "AA003203 21 03 00 0103": (30, 50.0, False),
+    "AA003203 64 04 00 0147": (10, 15.0, False),
+    "AA003203 0A 05 00 00EE": (100, 5.0, False),
+    "AA003203 0A 06 00 00EF": (100, 1.5, False),
+}
+
+
+@pytest.mark.parametrize("text", CONFIGURATIONS)
+def test_known_configurations(text: str) -> None:
+    rate, low_pass, zero = CONFIGURATIONS[text]
+    assert frames.configuration(rate, low_pass, zero=zero) == bytes.fromhex(text)
+
+
+def test_known_question_for_the_serial_number() -> None:
     assert frames.ASK_SERIAL.hex() == "ab00120800c5"
+
+
+def test_an_unknown_rate_is_refused() -> None:
     with pytest.raises(KeyError):
         frames.configuration(500, 15.0, zero=False)
 
