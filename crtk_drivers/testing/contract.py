@@ -234,6 +234,11 @@ class DeviceContract:
 
     # ---------------------------------------------------------------------------- connect and enable
 
+    def test_closing_is_no_fault(self, enabled: LocalDevice) -> None:
+        enabled.close()
+        status = enabled.engine.status
+        assert status.state is not OperatingState.FAULT, status.detail
+
     def test_connecting_enables_nothing_and_moves_nothing(self, arm: LocalDevice) -> None:
         assert arm.operating_state().state is OperatingState.DISABLED
         if "measured_js" in arm.crtk_commands:

@@ -69,12 +69,15 @@ class NdiLink:
 
     Attributes:
         damaged: replies that failed their check, since the first connection.
+        is_ready: whether all is done that an `open` of the tracker does. Set by its owner; `close` clears it.
     """
 
     def __init__(self, config: NdiConfig) -> None:
         self._config = config
         self._port: SerialPort | None = None
-        self._tcp = TcpTransport(config.host, config.tcp_port, "ndi", _REMEDY)
+        self._tcp = TcpTransport(
+            config.host, config.tcp_port, "ndi", _REMEDY, aborted=lambda: self._is_given_up
+        )
         transport: Transport = self._tcp
         if config.transport == "serial":
             from crtk_drivers.kit.serial_port import SerialPort  # needs pyserial
@@ -84,6 +87,7 @@ class NdiLink:
         self._replies: deque[Reply] = deque()
         self._aborted = False
         self.damaged = 0
+        self.is_ready = False
 
     @property
     def where(self) -> str:
@@ -104,12 +108,19 @@ class NdiLink:
             raise self._silent()
 
     def abort(self) -> None:
-        """Let what waits fail soon; from any thread."""
+        """End an `open` of the tracker that waits, and let later ones fail; from any thread.
+
+        What is said to a tracker that is ready goes on: it is told to stop before the link is closed.
+        """
         self._aborted = True
-        self._tcp.abort()
+
+    @property
+    def _is_given_up(self) -> bool:
+        return self._aborted and not self.is_ready
 
     def close(self) -> None:
         """Disconnect. May be called twice."""
+        self.is_ready = False
         self._link.close()
 
     def send(self, text: str) -> None:
@@ -170,7 +181,7 @@ class NdiLink:
 
     def _await(self, deadline: float) -> Reply | None:
         while (now := time.monotonic()) < deadline:
-            if self._aborted:
+            if self._is_given_up:
                 raise ConnectionLost("given up: the driver is being shut down", where=self.where)
             reply = self.receive(min(deadline, now + PIECE))
             if reply is not None:

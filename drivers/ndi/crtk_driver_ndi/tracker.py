@@ -129,6 +129,7 @@ class Tracker:
         self._damaged, self._doubts, self._asked, self._request = 0, 0, "", ""
         self.condition = Condition()
         self.prepared = prepared
+        self._link.is_ready = True
 
     def abort(self) -> None:
         """Let an `open` that waits fail soon; from any thread."""

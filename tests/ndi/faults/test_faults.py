@@ -177,6 +177,16 @@ def test_a_wired_tool_is_unplugged(bench: NdiBench) -> None:
     comes_back(bench)
 
 
+def test_no_tracker_tracks_after_close(sim: RunningSim) -> None:
+    """It has answered by then: what comes late would stop the next driver's tracking."""
+    for transport in TRANSPORTS:
+        with ndi_bench(sim, transport=transport) as bench:
+            bench.tracking()
+            bench.front.close()
+            assert sim.control.status()["mode"] == "setup"
+            assert bench.session.engine.status.state is not S.FAULT
+
+
 def test_another_client_stops_tracking(sim: RunningSim) -> None:
     with ndi_bench(sim) as bench:
         bench.tracking()

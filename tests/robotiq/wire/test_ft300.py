@@ -185,6 +185,12 @@ def test_first_of_all_a_stream_is_ended_that_still_runs(link: str, source: str) 
         eventually(lambda: not sim.control.status()["streams"], "quiet again")
 
 
+def test_closing_by_modbus_is_no_fault() -> None:
+    with bench("modbus") as running:
+        running.front.close()
+        assert running.session.engine.status.state is not FAULT
+
+
 def test_behind_a_gateway_a_stream_cannot_be_ended_and_that_is_said() -> None:
     with SIM.spawn(**FREE_PORTS, streams=True) as sim:
         config = configuration(sim, link="modbus", open_timeout=0.5)

@@ -52,8 +52,8 @@ class Ft300Device(Sensor):
 
     def __init__(self, config: Ft300Config) -> None:
         self._config = config
-        self._closing = False
-        self._link = SensorLink(config, lambda: self._closing)
+        self._aborted = self._is_open = False
+        self._link = SensorLink(config, lambda: self._aborted and not self._is_open)
         self._bias = SoftwareBias(
             np.array(config.bias), RATED, config.frame_id, f"robotiq-ft300 {self.address}"
         )
@@ -89,14 +89,16 @@ class Ft300Device(Sensor):
     def open(self, deadline: float) -> None:
         self.identity = identity = self._link.open(deadline)
         self._newest, self._is_frozen = np.full(6, np.nan), False
+        self._is_open = True
         logger.info("%s: %s", self._link.where, identity.described)
 
     @override
     def abort_open(self) -> None:
-        self._closing = True
+        self._aborted = True
 
     @override
     def close(self) -> None:
+        self._is_open = False
         self._link.close()
 
     @override
