@@ -2,8 +2,9 @@
 
     python3 .ci/hurry.py SESSION
 
-SESSION is the process that leads it. What `steps.sh` runs with the time that others leave is hurried once
-somebody waits for it: beside others that compute it might get no time at all. Linux lets root do so only.
+SESSION is the id of the process that leads it. `steps.sh` runs some scripts at idle priority, and calls this
+once it waits for one: beside processes that compute, the script might get no time at all. Only root may raise
+a priority.
 """
 
 import os
@@ -14,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 GONE = (ProcessLookupError, FileNotFoundError)
-"""What reading of a process raises that has ended."""
+"""What a look at a process raises once it has ended."""
 
 
 def threads(session: int) -> Iterator[int]:
@@ -28,13 +29,13 @@ def threads(session: int) -> Iterator[int]:
 def hurry(session: int) -> None:
     """Give all threads of a session the default priority.
 
+    A process that begins meanwhile may inherit the low one, so it looks again until no thread is new.
+
     Raises:
         PermissionError: this user may not raise a priority.
     """
     hurried: set[int] = set()
-    while (
-        slow := set(threads(session)) - hurried
-    ):  # whom one has begun meanwhile that was still slow
+    while slow := set(threads(session)) - hurried:
         for thread in slow:
             with suppress(*GONE):
                 os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))

@@ -69,7 +69,7 @@ class NdiLink:
 
     Attributes:
         damaged: replies that failed their check, since the first connection.
-        is_ready: whether all is done that an `open` of the tracker does. Set by its owner; `close` clears it.
+        is_ready: whether the tracker is connected and initialised. Set by its owner; `close` clears it.
     """
 
     def __init__(self, config: NdiConfig) -> None:
@@ -110,7 +110,7 @@ class NdiLink:
     def abort(self) -> None:
         """End an `open` of the tracker that waits, and let later ones fail; from any thread.
 
-        What is said to a tracker that is ready goes on: it is told to stop before the link is closed.
+        A tracker that is ready is asked on: a driver that closes sends TSTOP and waits for the answer.
         """
         self._aborted = True
 
