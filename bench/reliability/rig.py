@@ -173,12 +173,14 @@ class Rig(ABC):
     # ---------------------------------------------------------------------------------- life cycle
 
     def __enter__(self) -> Rig:
-        self._stack.enter_context(patch.object(threads, "STALL_LIMIT", self.stall_limit))
-        self.sim = self.start_sim()
-        if self.sim is not None:
-            self._stack.callback(self.sim.stop)
-        self.open()
-        self._stack.callback(self.close)
+        with self._stack as opened:  # which is closed where this ends early
+            opened.enter_context(patch.object(threads, "STALL_LIMIT", self.stall_limit))
+            self.sim = self.start_sim()
+            if self.sim is not None:
+                opened.callback(self.sim.stop)
+            self.open()
+            opened.callback(self.close)
+            self._stack = opened.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:

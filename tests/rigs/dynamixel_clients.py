@@ -94,6 +94,9 @@ def statuses(data: bytes) -> list[Status]:
 TAKEN: Final = 3
 """Requests on the control socket, within which a simulator hands over what it has to say at once."""
 
+TURNS: Final = 0.02
+"""Seconds in which servos behind missing ones answer: they give each of those a millisecond."""
+
 
 class Wire:
     """A port without any protocol.
@@ -149,6 +152,7 @@ class Wire:
 
     def _all_told(self) -> bytes:
         eventually(lambda: self._told()["bytes_in"] >= self._taken)
+        time.sleep(TURNS)
         for _ in range(TAKEN):
             told = self._told()
         data = self.receive(told["bytes_out"] - self._handed)

@@ -31,6 +31,8 @@ from rigs import ur_watchdog
 from rigs.ur_bench import LENIENT, LONG, QUICK_WATCHDOG, brisk_sim
 from rigs.waiting import eventually
 
+pytest.importorskip("rtde_control")
+
 STOPPED, PLAYING = 1, 2
 REGISTER = "input_int_register_0"
 SPEED_J, SERVO_J, SPEED_STOP, SERVO_STOP, STOP_J, SET_WATCHDOG = 9, 11, 15, 16, 34, 35
