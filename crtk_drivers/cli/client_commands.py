@@ -74,16 +74,18 @@ def _state(
 
 def _state_command(command: StateCommand) -> Callable[..., None]:
     def run(namespace: Namespace, timeout: Timeout = FIND_TIMEOUT) -> None:
-        from crtk_drivers.cli.state_view import status_words
+        from crtk_drivers.cli.state_view import explained, status_words
         from crtk_drivers.client.state_commands import home_to_its_end
 
         with reached(namespace, timeout) as device:
-            with ERR.status(f"{command} {plain(device.namespace)} ..."):
-                if command is StateCommand.HOME:
+            with ERR.status(f"{command} {plain(device.namespace)} ..."), explained(device):
+                if command is not StateCommand.HOME:
+                    device.state_command(command.value)
+                elif "hold" in device.crtk_commands:
                     with held_when_interrupted(device):
                         home_to_its_end(device)
-                else:
-                    device.state_command(command.value)
+                else:  # a sensor: nothing moves
+                    home_to_its_end(device)
             OUT.print(
                 f"{plain(device.namespace)}  ", status_words(device.operating_state()), sep=""
             )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from rich.table import Table
@@ -10,20 +11,21 @@ from rich.text import Text
 
 from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.status_line import STATE_STYLES
-from crtk_drivers.cli.terminal import ERR, OUT, program
+from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.survey import Report, reported, survey
-from crtk_drivers.errors import CrtkError
+from crtk_drivers.errors import CrtkError, TransitionFailed
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState, Status
 
 NEXT: Mapping[OperatingState, str] = {
-    OperatingState.DISABLED: "{1} enable {0}",
-    OperatingState.ENABLED: "{1} move --help, or {1} disable {0}",
-    OperatingState.PAUSED: "{1} resume {0}",
-    OperatingState.FAULT: "remove the cause, then {1} enable {0}",
+    OperatingState.DISABLED: "crtk-driver enable {0}",
+    OperatingState.ENABLED: "crtk-driver move --help, or crtk-driver disable {0}",
+    OperatingState.PAUSED: "crtk-driver resume {0}",
+    OperatingState.FAULT: "remove the cause, then crtk-driver enable {0}",
 }
-"""What to do in a state; {0} is the namespace, {1} how this program is called."""
+"""What to do in a state; {0} is the namespace."""
 
 _PLACES = {"measured_js", "measured_cp"}
 _TROUBLE = (OperatingState.PAUSED, OperatingState.FAULT)
@@ -37,7 +39,7 @@ def print_all() -> int:
         ERR.print("There is no CRTK device.")
         ERR.print(
             "  Is a driver running, and are ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE the same "
-            f"on both sides? Without one: {program()} ur --ns /ur5 --sim",
+            + worded("on both sides? Without one: crtk-driver ur --ns /ur5 --sim"),
             soft_wrap=True,
         )
         return 1
@@ -62,15 +64,15 @@ def print_device(device: RemoteDevice) -> int:
     report = _report(device)
     following = NEXT[status.state]
     if report.connecting:
-        OUT.print(Text(report.text, "yellow"), soft_wrap=True)
-        following = "wait, then {1} state {0}"
+        OUT.print(Text(worded(report.text), "yellow"), soft_wrap=True)
+        following = "wait, then crtk-driver state {0}"
     else:
         OUT.print(status_words(status))
         if report.text not in ("", status.state):
             style = STATE_STYLES[status.state] if status.state in _TROUBLE else ""
-            OUT.print(Text("reason: ").append(report.text, style), soft_wrap=True)
+            OUT.print(Text("reason: ").append(worded(report.text), style), soft_wrap=True)
     OUT.print(
-        Text(f"next: {following.format(device.namespace, program())}", "dim"),
+        Text(f"next: {worded(following.format(device.namespace))}", "dim"),
         soft_wrap=True,
     )
     if not report.connecting and _PLACES & set(device.crtk_commands):
@@ -89,6 +91,22 @@ def status_words(status: Status) -> Text:
         ("  homed" if status.is_homed else "  not homed", "" if status.is_homed else "yellow"),
         ("  busy" if status.is_busy else "", "cyan"),
     )
+
+
+@contextmanager
+def explained(device: RemoteDevice) -> Iterator[None]:
+    """Let a failed change of state say why the device is as it is now."""
+    try:
+        yield
+    except TransitionFailed as failed:
+        reason = _report(device).text.rstrip(".")
+        if not reason or reason in tuple(OperatingState):
+            raise
+        raise TransitionFailed(
+            f"{failed.message}: {reason}",
+            where=failed.where,
+            remedy=f"Remove the cause. What comes next: crtk-driver state {device.namespace}",
+        ) from failed
 
 
 def _report(device: RemoteDevice) -> Report:

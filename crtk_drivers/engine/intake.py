@@ -54,9 +54,9 @@ _AT_LIMIT = 1e-6
 """rad or m by which a solution of the inverse kinematics may lie beyond a limit: of rounding."""
 
 _WAY_TO_ENABLED = {
-    OperatingState.DISABLED: "Send enable on state_command.",
-    OperatingState.PAUSED: "Send resume on state_command.",
-    OperatingState.FAULT: "Remove the cause, then send enable on state_command.",
+    OperatingState.DISABLED: "Enable it: enable() in Python, state_command in ROS.",
+    OperatingState.PAUSED: "Let it go on: resume() in Python, state_command in ROS.",
+    OperatingState.FAULT: "Remove the cause, then enable it: enable() in Python, state_command in ROS.",
 }
 
 

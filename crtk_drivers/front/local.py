@@ -14,6 +14,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -145,14 +146,25 @@ class LocalDevice(DeviceFront):
 
     def __getattr__(self, name: str) -> Any:
         """Explain why a CRTK name is absent on this device."""
-        if name.startswith("_") or not is_name(name):
+        if name.startswith("_"):
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        if not is_name(name):
+            raise AttributeError(f"{self._engine.name} has no {name}. {self._instead(name)}")
         engine = self._engine
         others = [other for other in plugins.devices() if name in plugins.commands_of(other)]
         hint = f" Devices that offer it: {', '.join(others)}." if others else ""
         raise AttributeError(
             f"{engine.name} does not offer {name}. {missing_for(name, engine.device)}{hint}"
         )
+
+    def _instead(self, name: str) -> str:
+        """Return what may have been meant by a name that is none of CRTK's, and where all names are."""
+        own = [each for each in dir(self) if not each.startswith("_")]
+        near = get_close_matches(name, own, n=3)
+        meant = f"Did you mean {' or '.join(near)}? " if near else ""
+        moves = [each for each in own if each.startswith("move_")]
+        listed = f"It moves by {', '.join(moves)}. " if moves else ""
+        return f"{meant}{listed}crtk_commands has all that it offers."
 
     @property
     def crtk_commands(self) -> Mapping[str, Command]:

@@ -248,6 +248,12 @@ def test_unknown_names_bring_a_suggestion(capsys: Capture) -> None:
     assert "no simulator 'urr'" in refusal(capsys, "sim", "urr")
 
 
+def test_a_misspelt_command_is_no_device(capsys: Capture) -> None:
+    text = refusal(capsys, "enabel", "/ur5")
+    assert "there is no command or device 'enabel'" in text
+    assert "Did you mean 'enable'?" in text
+
+
 def test_a_broken_plugin_is_refused_when_used(capsys: Capture) -> None:
     assert "ModuleNotFoundError: No module named 'no_such_module'" in refusal(capsys, "bad")
 

@@ -247,7 +247,7 @@ def test_what_is_told_of_a_device_names_it_once_and_says_once_what_to_do(
         rig.engine.submit("servo_jp", jp(0.0, 0.0))
     assert str(refused.value) == (
         f"{where}: servo_jp refused (not_enabled): the device is FAULT (cannot connect: refused). "
-        "Remove the cause, then send enable on state_command."
+        "Remove the cause, then enable it: enable() in Python, state_command in ROS."
     )
     assert where not in rig.engine.health().last_refusal
     rig.disconnect(lost.statement, lost.remedy)

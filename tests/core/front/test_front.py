@@ -59,8 +59,17 @@ def test_a_name_that_is_not_offered_is_absent_and_says_what_is_missing(arm: Loca
         arm.use_gravity_compensation(True)
     with pytest.raises(AttributeError, match="does not offer body/measured_cp"):
         arm.body.measured_cp()
-    with pytest.raises(AttributeError, match="LocalDevice has no attribute 'dance'"):
+
+
+def test_a_name_that_is_none_of_crtk_says_which_are(arm: LocalDevice) -> None:
+    with pytest.raises(
+        AttributeError, match=r"loopback has no dance\. It moves by move_cp, .*move_jp"
+    ):
         arm.dance()
+    with pytest.raises(AttributeError, match=r"has no mov_jp\. Did you mean move_jp"):
+        arm.mov_jp([0.0])
+    with pytest.raises(AttributeError, match="no attribute '_dance'"):
+        arm._dance()
 
 
 def test_ratios_are_numbers_that_are_told_when_they_change(arm: LocalDevice) -> None:

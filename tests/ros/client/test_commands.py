@@ -134,6 +134,33 @@ def test_state_tells_that_a_driver_is_connecting(run_far: Run) -> None:
     assert "connecting to loopback since" in refusal
 
 
+def test_a_failed_enable_says_why(far: Far, run: Run) -> None:
+    far.device.transition_time = 4.0
+    transitions = far.engine._transitions
+
+    def lose() -> None:
+        eventually(lambda: transitions.leads_to is OperatingState.ENABLED, "it is being enabled")
+        far.device.reachable = False
+        far.device.transition_time = 0.0
+
+    other = threading.Thread(target=lose)
+    other.start()
+    code, _, err = run("enable", NAMESPACE)
+    other.join()
+    assert code == 1
+    assert re.search(r"enable ended in FAULT: .*(the link is gone|no answer)", err)
+    assert "What comes next: crtk-driver state /client_commands" in err
+
+
+def test_home_needs_no_hold_of_a_sensor(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far.arm.enable()
+    offered = {name: each for name, each in far.arm.crtk_commands.items() if name != "hold"}
+    monkeypatch.setattr(RemoteDevice, "crtk_commands", offered)
+    assert run("home", NAMESPACE)[:2] == (0, f"{NAMESPACE}  ENABLED  homed\n")
+
+
 def test_nothing_moves_that_is_not_enabled(far: Far, run: Run) -> None:
     code, out, err = run("move", NAMESPACE, "0.1", "0", "0", "0")
     assert (code, out) == (1, "")
