@@ -24,7 +24,7 @@ from xdist.remote import Producer
 from xdist.workermanage import WorkerController
 
 from crtk_drivers.engine import threads
-from crtk_drivers.errors import MissingExtra
+from crtk_drivers.errors import MissingExtra, wording
 from crtk_drivers.front import base
 from crtk_drivers.kit import child_process
 from crtk_drivers.ros import environment
@@ -48,7 +48,9 @@ FOREIGN = (
 )
 for name in FOREIGN:
     os.environ.pop(name, None)
-os.environ.pop("UV_RUN_RECURSION_DEPTH", None)  # `crtk-driver` words its hints as it was started
+# `crtk-driver` words its hints as it was started.
+for started_by in ("UV_RUN_RECURSION_DEPTH", wording.SCRIPT):
+    os.environ.pop(started_by, None)
 # Each of a thousand processes would compile all that it imports, which takes as long as to run it.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
@@ -311,6 +313,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     sweeps: dict[str, list[tuple[pytest.Item, int]]] = {}
     for item in items:
         name = item.nodeid
+        if not HAVE_UR_RTDE and "ur_rtde" in name.partition("[")[2]:
+            item.add_marker(pytest.mark.skip("ur-rtde is not installed"))
         marks = {mark.name: mark for mark in reversed(list(item.iter_markers()))}
         if scheduling.computes(name) and "timeout" not in marks:
             item.add_marker(pytest.mark.timeout(scheduling.LONGEST_COMPUTATION))

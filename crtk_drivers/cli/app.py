@@ -20,6 +20,7 @@ from crtk_drivers.cli.own_commands import OWN_COMMANDS, OwnGroup
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import print_error
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
+from crtk_drivers.errors.wording import current_wording
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
 
@@ -121,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code = command.main(
             args=invocation.arguments,
-            prog_name="crtk-driver",
+            prog_name=current_wording().program,
             standalone_mode=True,
             obj=invocation,
         )

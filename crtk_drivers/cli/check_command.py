@@ -21,6 +21,7 @@ from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.cli.typed_options import make_command
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState
@@ -102,7 +103,7 @@ def _table(findings: list[Finding]) -> Table:
     for finding in findings:
         result = Text(finding.result)
         if finding.remedy:
-            result.append(f"\n{finding.remedy}", _STYLES[finding.verdict])
+            result.append(f"\n{worded(finding.remedy)}", _STYLES[finding.verdict])
         table.add_row(finding.what, Text(finding.verdict, _STYLES[finding.verdict]), result)
     return table
 

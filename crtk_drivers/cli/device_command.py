@@ -19,7 +19,7 @@ from crtk_drivers.cli.coupled_on_ros import coupled_on_ros
 from crtk_drivers.cli.launch import Launch, launch_of, launch_options
 from crtk_drivers.cli.log_setup import LEVELS, LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine
-from crtk_drivers.cli.terminal import ERR, plain, program, sentence
+from crtk_drivers.cli.terminal import ERR, plain, sentence
 from crtk_drivers.cli.typed_options import (
     Parameters,
     SubCommand,
@@ -230,5 +230,5 @@ def _what_next(namespace: str, commands: Collection[str]) -> str:
     use = [f"echo {namespace} {told}"]
     if "move_jp" in commands:
         use = [f"enable {namespace}", "move --help"]
-    steps = [f"{program()} {step}" for step in (f"state {namespace}", *use)]
+    steps = [f"crtk-driver {step}" for step in (f"state {namespace}", *use)]
     return f"in another terminal: {'   '.join(steps)}"

@@ -17,6 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 from typing_extensions import override
 
 from crtk_drivers.cli.terminal import OUT
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.status.stop_request import raised_at_interrupt
 
 WIDEST: Final = 100
@@ -80,12 +81,12 @@ def print_page(command: Any, ctx: Any) -> None:
     """Print the help page of a command or group."""
     width = min(OUT.width, WIDEST)
     parts: list[Any] = [Text.assemble(("Usage: ", "bold"), _usage(command, ctx)), Text()]
-    for paragraph in (command.help or "").split("\n\n"):
+    for paragraph in worded(command.help or "").split("\n\n"):
         parts += _paragraph(paragraph)
     for heading, rows in _sections(command, ctx).items():
         parts += [Text(f"{heading}:", "bold"), *_lines(rows, width), Text()]
     if command.epilog:
-        parts.append(Text.from_markup(command.epilog, emoji=False))
+        parts.append(Text.from_markup(worded(command.epilog), emoji=False))
     for part in parts:
         if getattr(part, "no_wrap", False):
             OUT.print(part, soft_wrap=True)
@@ -102,7 +103,7 @@ def _usage(command: Any, ctx: Any) -> str:
     words = [ctx.command_path, "[OPTIONS]", *arguments]
     if isinstance(command, TyperGroup):
         words.append("[COMMAND ...]" if command.invoke_without_command else "COMMAND ...")
-    return " ".join(words)
+    return worded(" ".join(words))
 
 
 def _paragraph(text: str) -> Iterator[Text | Padding]:
@@ -129,7 +130,7 @@ def _sections(command: Any, ctx: Any) -> Mapping[str, Rows]:
         for name in command.list_commands(ctx):
             told = command.listed(ctx, name)
             if told is not None:
-                summary = Text.from_markup(" ".join(told.summary.split()), emoji=False)
+                summary = Text.from_markup(worded(" ".join(told.summary.split())), emoji=False)
                 row = Text(name, "cyan"), summary
                 sections.setdefault(told.panel or "Commands", []).append(row)
     return sections
@@ -152,7 +153,7 @@ def _option_names(param: Any) -> Text:
 
 
 def _description(param: Any) -> Text:
-    text = Text.from_markup(param.help or "", emoji=False)
+    text = Text.from_markup(worded(param.help or ""), emoji=False)
     default = param.default
     shown = getattr(param, "show_default", False) and isinstance(default, str | int | float)
     if shown and not isinstance(default, bool) and default != "":

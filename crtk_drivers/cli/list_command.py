@@ -15,6 +15,7 @@ from crtk_drivers import plugins
 from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.terminal import OUT, sentence
 from crtk_drivers.commands import Command, Level, find, is_name
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.plugins import PluginEntry
 
 app = typer.Typer()
@@ -87,7 +88,7 @@ def _trouble(entry: PluginEntry) -> Text:
     if entry.missing:
         return Text(f"\n{entry.missing}", "yellow")
     text = Text(f"\n{type(entry.error).__name__}: {entry.error}", "red")
-    return text.append(f"\nTraceback: crtk-driver list {entry.name}", "dim")
+    return text.append(worded(f"\nTraceback: crtk-driver list {entry.name}"), "dim")
 
 
 def _is_device(entry: PluginEntry) -> bool:

@@ -15,6 +15,7 @@ from rich.text import Text
 from typing_extensions import override
 
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.wording import worded
 
 LEVELS: Final = ("debug", "info", "warning", "error")
 _STYLES: Mapping[int, str] = MappingProxyType(
@@ -55,6 +56,15 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(entry, default=str)
 
 
+class TextFormatter(logging.Formatter):
+    """What happened, with commands as the reader would give them."""
+
+    @override
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the message, and a traceback if it has one."""
+        return worded(super().format(record))
+
+
 class _ConsoleHandler(logging.Handler):
     """Writes through a rich console, so that a live status line stays below the records."""
 
@@ -93,7 +103,7 @@ def set_up_logging(console: Console, level: str, form: LogFormat) -> None:
         )
     handler = _ConsoleHandler(console)
     handler.setFormatter(
-        JsonFormatter() if form is LogFormat.JSON else logging.Formatter("%(message)s")
+        JsonFormatter() if form is LogFormat.JSON else TextFormatter("%(message)s")
     )
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
     logging.captureWarnings(True)

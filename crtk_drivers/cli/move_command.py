@@ -12,7 +12,7 @@ import numpy as np
 from crtk_drivers.cli.echo_command import number
 from crtk_drivers.cli.reaching import held_when_interrupted, need
 from crtk_drivers.cli.state_view import NEXT, print_position
-from crtk_drivers.cli.terminal import ERR, OUT, plain, program
+from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.move_handle import START_TIMEOUT
 from crtk_drivers.errors import (
@@ -104,8 +104,8 @@ def _require_enabled(device: RemoteDevice) -> None:
             Reason.NOT_ENABLED,
             f"the device is {status.state}",
             where=device.namespace,
-            remedy=f"Why: {program()} state {device.namespace}. Then: "
-            f"{NEXT[status.state].format(device.namespace, program())}",
+            remedy=f"Why: crtk-driver state {device.namespace}. Then: "
+            f"{NEXT[status.state].format(device.namespace)}",
         )
 
 
@@ -120,7 +120,7 @@ def _here(device: RemoteDevice, kind: str) -> Any:
     raise DataTimeout(
         "tells neither setpoint nor what it measures",
         where=device.namespace,
-        remedy=f"See: {program()} state {device.namespace}",
+        remedy=f"See: crtk-driver state {device.namespace}",
     )
 
 
@@ -167,7 +167,7 @@ def _by_name(
             remedy = f"Joints: {', '.join(names)}."
             if name not in names and _is_part(device, name):
                 what = "is a part of the device, not one of its joints"
-                remedy = f"{program()} move {device.namespace} --child {name} {name}=..."
+                remedy = f"crtk-driver move {device.namespace} --child {name} {name}=..."
             raise ConfigError(what, where=f"{device.namespace} {name}", remedy=remedy)
         index = names.index(name)
         value = np.radians(value) if degrees else value

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import keyword
 import re
+import shlex
 from collections.abc import Iterator
 from enum import StrEnum
 from importlib.util import find_spec
@@ -21,6 +22,7 @@ from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.own_commands import OWN_COMMANDS
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.wording import current_wording, worded
 
 app = typer.Typer()
 
@@ -164,13 +166,15 @@ def _taken_by(name: str) -> str:
 
 
 def _next_steps(folder: Path, name: str) -> str:
-    return f"""Written to {folder}. What to do next:
+    shown = folder if folder.is_absolute() else f"./{folder}"
+    plugin = shlex.quote(str(shown))
+    steps = f"""Written to {folder}. What to do next:
 
-  cd {folder}
-  pip install -e '.[test]'
+  pip install -e {shlex.quote(f"{shown}[test]")}
   crtk-driver list {name}
-  pytest
+  {current_wording().run}pytest {plugin}
   crtk-driver {name} --ns /{name} --sim
 
 Then make its protocol that of your device: README.md tells what to change, in which order.
 How a plugin works: docs/adding_a_device.md of crtk-drivers."""
+    return worded(steps)

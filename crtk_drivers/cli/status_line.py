@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
@@ -48,7 +49,7 @@ def status_text(name: str, status: Status, health: Health, width: int | None = N
 
 def _headline(name: str, status: Status) -> Text:
     if status.connecting:
-        return Text.assemble((name, "bold cyan"), "  ", (status.detail, "yellow"))
+        return Text.assemble((name, "bold cyan"), "  ", (worded(status.detail), "yellow"))
     return Text.assemble(
         (name, "bold cyan"),
         "  ",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import IO
 
 from rich.console import Console
@@ -12,6 +11,7 @@ from typing_extensions import override
 
 from crtk_drivers.cli.unhindered import Unhindered
 from crtk_drivers.errors import CrtkError
+from crtk_drivers.errors.wording import worded
 
 
 class Told(Console):
@@ -51,21 +51,16 @@ def print_error(error: CrtkError) -> None:
     line = Text.assemble(("error: ", "bold red"))
     if error.where:
         line.append(f"{error.where}: ", style="bold")
-    line.append(error.message)
+    line.append(worded(error.message))
     ERR.print(line, soft_wrap=True)
     if error.remedy:
-        ERR.print(Text.assemble(("  hint: ", "bold green"), error.remedy), soft_wrap=True)
+        ERR.print(Text.assemble(("  hint: ", "bold green"), worded(error.remedy)), soft_wrap=True)
 
 
 def ask(what: str) -> None:
     """Tell whoever stands beside a device what to do with it."""
     ERR.bell()
     ERR.print(Text(f" {what} ", "bold reverse"))
-
-
-def program() -> str:
-    """Return how the user started this program, as the beginning of a command to try next."""
-    return "uv run crtk-driver" if "UV_RUN_RECURSION_DEPTH" in os.environ else "crtk-driver"
 
 
 def plain(text: str) -> str:

@@ -19,6 +19,7 @@ from crtk_drivers.cli.status_line import STATE_STYLES
 from crtk_drivers.client.view.drawable import Trace, traces_of
 from crtk_drivers.client.view.watched import WatchedDevice
 from crtk_drivers.client.view.watcher import Watcher
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.kinematics.drawn import DrawnChain
 from crtk_drivers.state import Status
 
@@ -54,11 +55,11 @@ def sparkline(values: Iterator[float] | deque[float]) -> str:
     finite = [value for value in numbers if math.isfinite(value)]
     if not finite:
         return " " * len(numbers)
-    middle = (min(finite) + max(finite)) / 2.0
-    span = max(max(finite) - min(finite), _LEAST)
+    low, high = min(finite) / 2.0, max(finite) / 2.0  # of twice as much there may be no float
+    middle, span = (low + high) / 2.0, max(high - low, _LEAST / 2.0)
     steps = len(_EIGHTHS)
     return "".join(
-        _EIGHTHS[min(steps - 1, int(((value - middle) / span + 0.5) * steps))]
+        _EIGHTHS[min(steps - 1, int(((value / 2.0 - middle) / span + 0.5) * steps))]
         if math.isfinite(value)
         else " "
         for value in numbers
@@ -107,7 +108,7 @@ class TerminalView:
                     (time.strftime("%H:%M:%S ", time.localtime(at)), "dim"),
                     (namespace, "bold cyan"),
                     f" refused {refusal.command}: {refusal.message}",
-                    (f"  {refusal.remedy}", "green"),
+                    (f"  {worded(refusal.remedy)}", "green"),
                 )
             )
         lines.append(Text("Ctrl-C ends the view; nothing else ends with it.", "dim"))

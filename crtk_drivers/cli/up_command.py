@@ -23,6 +23,7 @@ from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.catalogue import QUANTITIES
@@ -314,7 +315,7 @@ def write_lab(path: Path, places: tuple[str, ...] | None = None) -> int:
         raise _is_there(path) from error
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.strerror}", where=str(path)) from error
-    OUT.print(f"{path} is written. {next_step}", soft_wrap=True)
+    OUT.print(f"{path} is written. {worded(next_step)}", soft_wrap=True)
     return 0
 
 

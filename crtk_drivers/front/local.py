@@ -158,7 +158,7 @@ class LocalDevice(DeviceFront):
         )
 
     def _instead(self, name: str) -> str:
-        """Return what may have been meant by a name that is none of CRTK's, and where all names are."""
+        """Return which names are near one that is none of CRTK's, and where all of them are listed."""
         own = [each for each in dir(self) if not each.startswith("_")]
         near = get_close_matches(name, own, n=3)
         meant = f"Did you mean {' or '.join(near)}? " if near else ""

@@ -53,7 +53,7 @@ def is_ours(path: Path) -> bool:
         raise RecordingError("is empty", where=str(path))
     if not begin.startswith(MAGIC):
         raise RecordingError(
-            "is no MCAP file", where=str(path), remedy="Give a file of crtk-driver or ros2 bag."
+            "is no MCAP file", where=str(path), remedy="Give a recording of ours, or of ros2 bag."
         )
     try:
         opcode, size = RECORD.unpack_from(begin, len(MAGIC))

@@ -67,7 +67,7 @@ def _behaviours(engine: Engine, names: JointNames, admit: Callable[[str], None])
     except ImportError as error:
         raise ConfigError(
             f"node.moveit: the actions of control_msgs are not installed: {error}",
-            remedy="uv run --extra moveit ..., pip install ./control_msgs, or with an installed ROS 2: "
+            remedy="pip install 'crtk-drivers[moveit]', or with an installed ROS 2: "
             "sudo apt install ros-jazzy-control-msgs",
         ) from error
     kinds: Mapping[str, Callable[..., Any]] = {

@@ -195,7 +195,7 @@ def test_the_last_lines_say_how_to_run_again(tmp_path: Path) -> None:
     done = run_pytest(tmp_path, in_runs(1), "--numprocesses=1")
     *_, hint, summary = done.stdout.splitlines()
     busy = r"(Programs waited for a processor for \d+% of the time\. )?"
-    again = re.escape('uv run --group test pytest -m "" -n 0 --lf')
+    again = re.escape('./crtk-driver --test -m "" -n 0 --lf')
     assert re.fullmatch(f"{busy}Run what failed again, alone: {again}", hint), done.stdout
     assert summary.startswith("1 failed in ")
 

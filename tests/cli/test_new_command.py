@@ -34,7 +34,7 @@ def test_a_plugin_is_written_with_its_name_throughout(
         text = str(path.relative_to(tmp_path)) + path.read_text()
         assert not [left for left in ("my_", "my-", "MyS", "MyA", "MyG") if left in text], path
     said = capsys.readouterr().out
-    for step in (f"cd {folder}", "pip install -e", "crtk-driver list torque_watch2", "pytest"):
+    for step in (f"'{folder}[test]'", "crtk-driver list torque_watch2", f"pytest {folder}"):
         assert step in said
 
 

@@ -106,7 +106,9 @@ def test_an_extra_that_is_missing_is_known_without_an_import(package: Path) -> N
     metadata = package.parent / "acme_arm-1.2.dist-info" / "METADATA"
     with metadata.open("a") as file:
         file.write("Provides-Extra: arm\nRequires-Dist: no-such-library ; extra == 'arm'\n")
-    assert "pip install 'acme-arm[arm]'" in str(plugins.devices()["acme"].missing)
+    missing = plugins.devices()["acme"].missing
+    assert missing is not None
+    assert missing.remedy == "Install it with: pip install 'acme-arm[arm]'"
     assert "acme_arm" not in sys.modules
 
 

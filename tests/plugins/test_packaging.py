@@ -113,14 +113,8 @@ def test_uv_run_alone_brings_what_a_user_needs_and_the_second_command_what_tests
     groups, defaults = PYPROJECT["dependency-groups"], PYPROJECT["tool"]["uv"]["default-groups"]
     extras = [needed for group in defaults for needed in groups[group]]
     assert extras == ["crtk-drivers[drivers,view]", "crtk-drivers[ros]"]
-    (second,) = re.findall(r"uv run --group (\w+) pytest\n", (ROOT / "README.md").read_text())
+    assert "\n./crtk-driver --test\n" in (ROOT / "README.md").read_text()
+    (second,) = re.findall(r"--group (\w+) pytest", (ROOT / "crtk-driver").read_text())
     named = {Requirement(each).name for each in groups[second]}
     assert {"pytest", "mypy", "ruff", "import-linter"} <= named
     assert "crtk-drivers[kinematics,moveit,plot,ros2-control]" in groups[second]
-
-
-def test_an_extra_is_brought_by_what_started_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "pip install 'crtk-drivers[kinematics]'" in str(MissingExtra("pin", "kinematics"))
-    monkeypatch.setenv("UV_RUN_RECURSION_DEPTH", "1")
-    assert "uv run --extra kinematics crtk-driver" in str(MissingExtra("pin", "kinematics"))
-    assert "pip install 'acme-arm[arm]'" in str(MissingExtra("lib", "arm", "acme-arm"))

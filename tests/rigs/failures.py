@@ -20,7 +20,7 @@ from xdist.workermanage import WorkerController
 from crtk_drivers.labs.bench.pressure import Pressure
 from rigs.scheduling import TOLD
 
-ALONE = 'uv run --group test pytest -m "" -n 0 --lf'
+ALONE = './crtk-driver --test -m "" -n 0 --lf'
 """Runs what failed last, one test after the other, with nothing beside it."""
 
 WORKER_ENDED = "???"

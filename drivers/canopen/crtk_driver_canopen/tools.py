@@ -25,6 +25,7 @@ from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType, parse_object
 from crtk_driver_canopen.scanning import Axis, Found, answering, survey
 from crtk_drivers.config import Settings
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.plugins import Tool
 
 _OUT = Console(highlight=False)
@@ -125,7 +126,7 @@ def profile(config: CanopenConfig, options: ProfileOptions) -> int:
     odd = oddities(sheet)
     text = first_profile(sheet, odd)
     for each in [*sheet.repairs, *odd]:
-        _OUT.print(f"- {each}", markup=False, soft_wrap=True)
+        _OUT.print(f"- {worded(each)}", markup=False, soft_wrap=True)
     if not options.output:
         _OUT.print(f"\n{text}", markup=False, soft_wrap=True)
         return 0

@@ -16,6 +16,7 @@ from crtk_driver_robotiq.ft300.finding import SENSORS
 from crtk_driver_robotiq.registers import COUNTS, Activation, Command, Contact, Status
 from crtk_drivers.config import Settings
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.plugins import Tool
 
 __all__ = ["TOOLS"]
@@ -130,7 +131,8 @@ def _scan(config: RobotiqConfig, options: Any) -> int:
                 found += 1
                 settings = device.settings.items()
                 given = " ".join(f"--{key.replace('_', '-')} {value}" for key, value in settings)
-                console.print(f"  {device.told}\n    crtk-driver {plugin} {given}", soft_wrap=True)
+                command = worded(f"crtk-driver {plugin} {given}")
+                console.print(f"  {device.told}\n    {command}", soft_wrap=True)
     if places and not found:
         console.print("Nobody answers.")
     return 0 if found else 1

@@ -499,7 +499,7 @@ def test_pinocchio_is_imported_when_it_is_needed_and_missed_with_the_command_tha
         "assert 'pinocchio' not in sys.modules\n"
         "sys.modules['pinocchio'] = None\n"
         "try:\n    k.SerialChain(chain_from_dh([DHJoint('a')]))\n"
-        "except MissingExtra as error:\n    print(error)\n"
+        "except MissingExtra as error:\n    print(error.remedy)\n"
     )
     assert done.returncode == 0, done.stderr
     assert "pip install 'crtk-drivers[kinematics]'" in done.stdout

@@ -77,8 +77,9 @@ def test_a_compression_whose_library_is_missing_says_what_to_install(tmp_path, m
         raise ImportError(name)
 
     monkeypatch.setattr("crtk_drivers.recording.foreign.import_module", none)
-    with pytest.raises(RecordingError, match=r"is compressed \(zstd\). pip install zstandard"):
+    with pytest.raises(RecordingError, match=r"is compressed \(zstd\)") as caught:
         opened(path)
+    assert caught.value.remedy == "pip install zstandard"
 
 
 def test_cut_off_anywhere_what_is_before_is_read(foreign):

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from crtk_drivers.cli.terminal_view import BAR, bar, sparkline
@@ -60,6 +60,8 @@ def test_a_sparkline_goes_from_the_least_to_the_largest(values: list[float], lin
     assert sparkline(deque(values)) == line
 
 
+@example([8.98846567431158e307])
+@example([-1.7e308, 1.7e308])
 @given(st.lists(st.floats(), max_size=30))
 def test_any_values_make_a_line_of_that_length(values: list[float]) -> None:
     assert len(sparkline(deque(values))) == len(values)

@@ -111,7 +111,7 @@ def test_without_the_messages_of_the_actions_it_says_what_to_install(
     session = Session(LOOPBACK, LoopbackConfig())
     with pytest.raises(ConfigError, match=r"node\.moveit") as error:
         Serving(session.engine, "/not_installed", (), MOVEIT)
-    assert "--extra moveit" in error.value.remedy
+    assert "crtk-drivers[moveit]" in error.value.remedy
 
 
 def grip(position: float) -> GripperCommand.Goal:

@@ -67,7 +67,7 @@ def test_missing_ros_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environment, "find_spec", lambda n: None if n == "rclpy" else found(n))
     with pytest.raises(MissingExtra) as caught:
         environment.check()
-    assert "pip install 'crtk-drivers[ros]'" in str(caught.value)
+    assert "pip install 'crtk-drivers[ros]'" in caught.value.remedy
 
 
 @pytest.mark.skipif(not environment.wheels_installed(), reason="a sourced ROS 2 may have others")

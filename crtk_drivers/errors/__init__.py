@@ -19,7 +19,9 @@
     └── KinematicsError            no joint position reaches the pose (also ValueError)
 
 An error says what happened, on which device and address, and what to do next: `message`, `where` and
-`remedy` are kept apart so that a log, a topic and a terminal can show them in their own way.
+`remedy` are kept apart so that a log, a topic and a terminal can show them in their own way. Write commands
+as ``crtk-driver ...`` and ``pip install ...``. On a terminal, `crtk_drivers.errors.wording` replaces them by
+those that work there.
 
 Example: `arm.servo_jp([0.0] * 5)` on a UR raises
 `CommandRefused: ur 192.168.1.10:30004: servo_jp refused (wrong_size): 5 values in position for 6 joints.
@@ -28,10 +30,11 @@ Send one value for each of shoulder_pan_joint, ...`
 
 from __future__ import annotations
 
-import os
 from enum import StrEnum
 
 from typing_extensions import override
+
+from crtk_drivers.errors.wording import worded
 
 
 def with_remedy(text: str, remedy: str) -> str:
@@ -116,15 +119,13 @@ class MissingExtra(CrtkError, ImportError):
     ) -> None:
         super().__init__(
             f"{library} is not installed{because and ', and '}{because}",
-            remedy=remedy or f"Install it with: {_installation(owner, extra)}",
+            remedy=remedy or f"Install it with: pip install '{owner}[{extra}]'",
         )
 
-
-def _installation(owner: str, extra: str) -> str:
-    """Return the command that brings an extra: that of uv in a process which `uv run` has started."""
-    if owner == "crtk-drivers" and "UV_RUN_RECURSION_DEPTH" in os.environ:
-        return f"uv run --extra {extra} crtk-driver ..."
-    return f"pip install '{owner}[{extra}]'"
+    @override
+    def __str__(self) -> str:
+        """Name the command that works here, as a terminal would: in plain Python it is all that one sees."""
+        return worded(super().__str__())
 
 
 class DeviceError(CrtkError):

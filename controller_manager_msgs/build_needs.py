@@ -1,0 +1,1 @@
+../crtk_msgs/build_needs.py

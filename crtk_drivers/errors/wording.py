@@ -1,0 +1,150 @@
+"""Word commands as this process was started: by a clone's script, by ``uv run``, or by an installed program.
+
+Every text writes commands as ``crtk-driver ...`` and ``pip install ...``. `worded` replaces them by those
+that work for the reader. It is called where a text reaches a terminal; on topics and in JSON the text stays.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Final
+from urllib.parse import unquote, urlsplit
+
+SCRIPT: Final = "CRTK_DRIVER_SCRIPT"
+"""The variable in which the script ``crtk-driver`` of a clone says how it was called."""
+_BY_UV: Final = "UV_RUN_RECURSION_DEPTH"
+"""The variable that ``uv run`` sets."""
+
+_MESSAGES: Final[Mapping[str, tuple[str, ...]]] = {
+    "ros": ("crtk_msgs", "tf2_msgs"),
+    "all": ("crtk_msgs", "tf2_msgs"),
+    "moveit": ("crtk_msgs", "tf2_msgs", "control_msgs"),
+    "ros2-control": ("crtk_msgs", "tf2_msgs", "control_msgs", "controller_manager_msgs"),
+}
+"""Folders of a clone that pip needs beside it for an extra: no index has these packages."""
+
+_COMMAND: Final = re.compile(
+    r"(uv run (?:-\S+ (?:[\w.]+ )?)*)?(?<![\w./-])crtk-driver(?= [A-Za-z[-])"
+)
+_EXTRA: Final = re.compile(r"(?<![\w./-])(?<!-m )pip install 'crtk-drivers\[([\w-]+)\]'")
+_INSTALL: Final = re.compile(r"(?<![\w./-])(?<!uv )(?<!-m )pip install(?= [-'./A-Za-z])")
+
+
+@dataclass(frozen=True)
+class Wording:
+    """The commands that work for the reader.
+
+    Attributes:
+        program: this program, ``crtk-driver``.
+        run: what stands before the name of another program of the same environment.
+        install: ``pip install`` into that environment.
+        extra: the command that brings ``{extra}`` of crtk-drivers.
+    """
+
+    program: str
+    run: str
+    install: str
+    extra: str
+
+
+def current_wording() -> Wording:
+    """Return the commands that work as this process was started."""
+    script = os.environ.get(SCRIPT)
+    if script:
+        script = shlex.quote(script)
+        return Wording(script, f"{script} --run ", *_by_script(script))
+    clone = _clone()
+    in_clone = clone is not None and Path(sys.prefix) == clone / ".venv"
+    if _BY_UV in os.environ:
+        extra = (
+            "uv run --extra {extra} crtk-driver --version"
+            if in_clone
+            else _by_pip("uv pip install")
+        )
+        return Wording("uv run crtk-driver", "uv run ", "uv pip install", extra)
+    program, run = f"{_folder('crtk-driver')}crtk-driver", _folder("python3")
+    if clone and in_clone and (clone / "crtk-driver").is_file():
+        return Wording(program, run, *_by_script(_short(clone / "crtk-driver")))
+    install = f"{_folder('pip')}pip install"
+    if not _has("pip"):
+        install = f"uv pip install --python {_short(Path(sys.prefix))}"
+    return Wording(program, run, install, _by_pip(install))
+
+
+def worded(text: str) -> str:
+    """Return `text` with each command replaced by the one that works as this process was started."""
+    if "crtk-driver" not in text and "pip install" not in text:
+        return text
+    how = current_wording()
+    text = _EXTRA.sub(lambda found: _bringing(how.extra, found[1]), text)
+    text = _INSTALL.sub(lambda _: how.install, text)
+    return _COMMAND.sub(lambda found: found[0] if found[1] else how.program, text)
+
+
+def _by_pip(install: str) -> str:
+    """Return how pip brings an extra."""
+    return f"{install} {{messages}}'crtk-drivers[{{extra}}]'"
+
+
+def _by_script(script: str) -> tuple[str, str]:
+    """Return how a clone's script installs, and how it brings an extra."""
+    return f"{script} --pip install", f"{script} --extra {{extra}} --version"
+
+
+def _bringing(command: str, extra: str) -> str:
+    """Return the command that brings an extra. No index has the message packages: pip gets a clone's."""
+    clone = _clone()
+    folders = _MESSAGES.get(extra, ()) if clone else ()
+    messages = "".join(f"{shlex.quote(str(clone / name))} " for name in folders if clone)
+    return command.replace("{extra}", extra).replace("{messages}", messages)
+
+
+@cache
+def _clone() -> Path | None:
+    """Return the folder that crtk-drivers was installed from; None if it came as a file (PEP 610)."""
+    from importlib import metadata  # which takes its time, and is needed for a hint only
+
+    try:
+        origin = metadata.distribution("crtk-drivers").read_text("direct_url.json")
+    except metadata.PackageNotFoundError:
+        return None
+    found = json.loads(origin) if origin else {}
+    if "dir_info" not in found:
+        return None
+    return Path(unquote(urlsplit(found["url"]).path))
+
+
+def _has(program: str) -> bool:
+    """Return whether this environment has a program."""
+    return bool(sys.executable) and (Path(sys.executable).parent / program).exists()
+
+
+def _folder(program: str) -> str:
+    """Return what stands before `program` of this environment: nothing if PATH has it, else its folder."""
+    if not _has(program):
+        return ""
+    own = Path(sys.executable).parent
+    known = Path(shutil.which(program) or "/")
+    # pipx links its scripts into a folder of PATH. The python3 of an environment is itself a link.
+    if known.parent == own or known.resolve() == own.resolve() / program:
+        return ""
+    return f"{_short(own)}/"
+
+
+def _short(path: Path) -> str:
+    """Return a path for a shell: from the working directory if it is below that, else the whole one."""
+    try:
+        here = Path.cwd()
+    except FileNotFoundError:  # it was removed
+        here = path
+    shown = str(path.relative_to(here) if path != here and path.is_relative_to(here) else path)
+    return shlex.quote(shown if "/" in shown else f"./{shown}")
