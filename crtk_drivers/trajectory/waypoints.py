@@ -35,6 +35,8 @@ _SHARE = 0.25
 
 SHORTEST_LEAD = 0.05
 """Seconds to the first point below which it is as if that were now."""
+SHORTEST_JOINING = 1e-6
+"""Seconds below which a motion counts as on the trajectory: it is off by less than 1e-11 rad or m."""
 
 
 class Spline:
@@ -160,7 +162,7 @@ def _joining_time(distance: Array, speed: Array, limits: Sequence[JointLimits]) 
         pulls = float(np.sqrt(_PULL * way / limit.acceleration))
         goes = _SPEED * float(way) / (_SHARE * limit.velocity)
         longest = max(longest, pulls, goes, _BRAKE * float(rate) / limit.acceleration)
-    return longest
+    return longest if longest >= SHORTEST_JOINING else 0.0
 
 
 def _pieces(times: Vector, p: Array, v: Array, a: Array) -> Array:

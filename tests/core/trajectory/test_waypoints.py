@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from crtk_drivers.device import JointLimits
@@ -130,6 +130,9 @@ def test_a_start_in_the_past_is_joined_where_it_is_by_now() -> None:
     assert path.state(1.0)[0].tolist() == [1.0, -1.0]
 
 
+@example(9.179632522502434e-216, 0.0, 1.0)
+@example(0.0, 9.179632522502434e-216, 1.0)
+@example(1e-13, 1e-13, 1.0)
 @given(st.floats(-0.05, 0.05), st.floats(-1.0, 1.0), st.floats(0.0, 3.5))
 def test_what_is_off_it_comes_onto_it_smoothly_within_the_limits(
     off: float, speed: float, begin: float
