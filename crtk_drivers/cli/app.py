@@ -20,7 +20,7 @@ from crtk_drivers.cli.own_commands import OWN_COMMANDS, OwnGroup
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import print_error
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
-from crtk_drivers.errors.wording import current_wording
+from crtk_drivers.errors.wording import program
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
 
@@ -122,7 +122,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code = command.main(
             args=invocation.arguments,
-            prog_name=current_wording().program,
+            prog_name=program(),
             standalone_mode=True,
             obj=invocation,
         )

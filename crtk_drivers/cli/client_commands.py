@@ -6,6 +6,7 @@ They are a small client on `crtk_drivers.client`, for a terminal: `ros2` is not 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Annotated, Final
 
 import typer
@@ -79,13 +80,12 @@ def _state_command(command: StateCommand) -> Callable[..., None]:
 
         with reached(namespace, timeout) as device:
             with ERR.status(f"{command} {plain(device.namespace)} ..."), explained(device):
-                if command is not StateCommand.HOME:
-                    device.state_command(command.value)
-                elif "hold" in device.crtk_commands:
-                    with held_when_interrupted(device):
+                if command is StateCommand.HOME:
+                    moves = "hold" in device.crtk_commands  # a sensor does not
+                    with held_when_interrupted(device) if moves else nullcontext():
                         home_to_its_end(device)
-                else:  # a sensor: nothing moves
-                    home_to_its_end(device)
+                else:
+                    device.state_command(command.value)
             OUT.print(
                 f"{plain(device.namespace)}  ", status_words(device.operating_state()), sep=""
             )

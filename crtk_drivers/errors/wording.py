@@ -6,7 +6,6 @@ that work for the reader. It is called where a text reaches a terminal; on topic
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
@@ -17,7 +16,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Final
-from urllib.parse import unquote, urlsplit
 
 SCRIPT: Final = "CRTK_DRIVER_SCRIPT"
 """The variable in which the script ``crtk-driver`` of a clone says how it was called."""
@@ -56,12 +54,18 @@ class Wording:
     extra: str
 
 
-def current_wording() -> Wording:
-    """Return the commands that work as this process was started."""
+def program() -> str:
+    """Return how this program was started. Every start asks, so no metadata are read."""
     script = os.environ.get(SCRIPT)
     if script:
-        script = shlex.quote(script)
-        return Wording(script, f"{script} --run ", *_by_script(script))
+        return shlex.quote(script)
+    return "uv run crtk-driver" if _BY_UV in os.environ else f"{_folder('crtk-driver')}crtk-driver"
+
+
+def current_wording() -> Wording:
+    """Return the commands that work as this process was started."""
+    if os.environ.get(SCRIPT):
+        return Wording(program(), f"{program()} --run ", *_by_script(program()))
     clone = _clone()
     in_clone = clone is not None and Path(sys.prefix) == clone / ".venv"
     if _BY_UV in os.environ:
@@ -70,14 +74,14 @@ def current_wording() -> Wording:
             if in_clone
             else _by_pip("uv pip install")
         )
-        return Wording("uv run crtk-driver", "uv run ", "uv pip install", extra)
-    program, run = f"{_folder('crtk-driver')}crtk-driver", _folder("python3")
+        return Wording(program(), "uv run ", "uv pip install", extra)
+    run = _folder("python3")
     if clone and in_clone and (clone / "crtk-driver").is_file():
-        return Wording(program, run, *_by_script(_short(clone / "crtk-driver")))
+        return Wording(program(), run, *_by_script(_short(clone / "crtk-driver")))
     install = f"{_folder('pip')}pip install"
     if not _has("pip"):
         install = f"uv pip install --python {_short(Path(sys.prefix))}"
-    return Wording(program, run, install, _by_pip(install))
+    return Wording(program(), run, install, _by_pip(install))
 
 
 def worded(text: str) -> str:
@@ -111,7 +115,9 @@ def _bringing(command: str, extra: str) -> str:
 @cache
 def _clone() -> Path | None:
     """Return the folder that crtk-drivers was installed from; None if it came as a file (PEP 610)."""
-    from importlib import metadata  # which takes its time, and is needed for a hint only
+    import json  # these take their time, and are needed for a hint only
+    from importlib import metadata
+    from urllib.parse import unquote, urlsplit
 
     try:
         origin = metadata.distribution("crtk-drivers").read_text("direct_url.json")
@@ -123,19 +129,19 @@ def _clone() -> Path | None:
     return Path(unquote(urlsplit(found["url"]).path))
 
 
-def _has(program: str) -> bool:
+def _has(name: str) -> bool:
     """Return whether this environment has a program."""
-    return bool(sys.executable) and (Path(sys.executable).parent / program).exists()
+    return bool(sys.executable) and (Path(sys.executable).parent / name).exists()
 
 
-def _folder(program: str) -> str:
-    """Return what stands before `program` of this environment: nothing if PATH has it, else its folder."""
-    if not _has(program):
+def _folder(name: str) -> str:
+    """Return what stands before a program of this environment: nothing if PATH has it, else its folder."""
+    if not _has(name):
         return ""
     own = Path(sys.executable).parent
-    known = Path(shutil.which(program) or "/")
+    known = Path(shutil.which(name) or "/")
     # pipx links its scripts into a folder of PATH. The python3 of an environment is itself a link.
-    if known.parent == own or known.resolve() == own.resolve() / program:
+    if known.parent == own or known.resolve() == own.resolve() / name:
         return ""
     return f"{_short(own)}/"
 

@@ -21,6 +21,11 @@ if [ "$1 $2" = "python find" ]; then echo "$PYTHON_FOUND"; else echo "$CRTK_DRIV
 APT = "sudo apt install python3-venv python3-dev g++"
 
 
+def write_program(path: Path, script: str) -> None:
+    path.write_text(script)
+    path.chmod(0o755)
+
+
 class Clone:
     """A clone with nothing set up, on a machine that has no more than its folder `bin`."""
 
@@ -40,10 +45,9 @@ class Clone:
         assert found
         (self.bin / program).symlink_to(found)
 
-    def has_uv(self, *, set_up: bool = True) -> None:
-        """Install a uv that says what it is asked for."""
-        (self.bin / "uv").write_text(FAKE_UV)
-        (self.bin / "uv").chmod(0o755)
+    def has_uv(self, script: str = FAKE_UV, *, set_up: bool = True) -> None:
+        """Install a uv, which says what it is asked for if no other `script` is given."""
+        write_program(self.bin / "uv", script)
         if set_up:
             (self.folder / ".venv").mkdir()
 
@@ -96,9 +100,7 @@ def test_the_script_starts_from_any_folder(clone: Clone) -> None:
 
 
 def test_arguments_stay_as_they_are(clone: Clone) -> None:
-    (clone.bin / "uv").write_text('#!/bin/sh\nfor each; do echo "<$each>"; done\n')
-    (clone.bin / "uv").chmod(0o755)
-    (clone.folder / ".venv").mkdir()
+    clone.has_uv('#!/bin/sh\nfor each; do echo "<$each>"; done\n')
     done = clone.start("move", "a b", "*", "")
     assert done.stdout.splitlines()[-4:] == ["<move>", "<a b>", "<*>", "<>"]
 
@@ -123,16 +125,13 @@ def test_a_broken_uv_is_passed_over(clone: Clone) -> None:
     (clone.bin / "uv").symlink_to("/bin/false")
     own = clone.folder / ".uv" / "uv"
     own.parent.mkdir()
-    own.write_text(FAKE_UV)
-    own.chmod(0o755)
+    write_program(own, FAKE_UV)
     (clone.folder / ".venv").mkdir()
     assert "crtk-driver list" in clone.start("list").stdout
 
 
 def test_settings_of_other_environments_do_not_count(clone: Clone) -> None:
-    (clone.bin / "uv").write_text('#!/bin/sh\necho "$VIRTUAL_ENV$UV_SYSTEM_PYTHON $UV_PYTHON $1"\n')
-    (clone.bin / "uv").chmod(0o755)
-    (clone.folder / ".venv").mkdir()
+    clone.has_uv('#!/bin/sh\necho "$VIRTUAL_ENV$UV_SYSTEM_PYTHON $UV_PYTHON $1"\n')
     foreign = {"VIRTUAL_ENV": "/other", "UV_SYSTEM_PYTHON": "1", "UV_PYTHON": "/usr/bin/python3"}
     done = clone.start("--pip", "list", **foreign)
     assert done.stdout.splitlines()[-1] == f" {clone.folder}/.venv pip"
@@ -170,8 +169,7 @@ def test_a_system_that_has_all_is_set_up(clone: Clone) -> None:
 def test_another_machine_than_x86_64_is_refused(clone: Clone) -> None:
     clone.has_uv()
     (clone.bin / "uname").unlink()
-    (clone.bin / "uname").write_text("#!/bin/sh\necho aarch64\n")
-    (clone.bin / "uname").chmod(0o755)
+    write_program(clone.bin / "uname", "#!/bin/sh\necho aarch64\n")
     done = clone.start("ur")
     assert done.returncode == 1
     assert "aarch64" in done.stderr
