@@ -27,6 +27,7 @@ from crtk_drivers.errors.wording import worded
 from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.catalogue import QUANTITIES
+from crtk_drivers.labs.libraries import require_libraries
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
 from crtk_drivers.labs.units import units_of, write_units
 from crtk_drivers.ros import environment
@@ -135,6 +136,7 @@ def bring_up(
     """
     set_up_logging(ERR, log_level, LogFormat.TEXT)
     lab = load_lab(path, sim=sim, only=only)
+    require_libraries(lab)
     environment.check()
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     folder = logs or Path("logs") / f"{lab.name}-{stamp}"
@@ -266,6 +268,7 @@ def check_lab(path: Path, sim: bool) -> int:
         ConfigError: with what is wrong, and the line.
     """
     lab = load_lab(path, sim=sim)
+    require_libraries(lab)
     check_bounds(lab, QUANTITIES)
     OUT.print(_plan(lab))
     return 0

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Final
 
 from crtk_drivers.state import Status
@@ -125,3 +127,12 @@ def read_reports(descriptor: int, rest: bytes) -> tuple[list[Report], bytes]:
         pass
     *lines, rest = data.split(b"\n")
     return [Report(**json.loads(line)) for line in lines], rest
+
+
+def last_line(log: Path) -> str:
+    """Return the last line that a process has written into its log; empty if there is none."""
+    with contextlib.suppress(OSError):
+        lines = log.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
+        if lines:
+            return lines[-1].strip()
+    return ""

@@ -21,7 +21,7 @@ from typing import IO, Final
 
 from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab, LabDevice
-from crtk_drivers.labs.reports import REPORT_FD, Report, read_reports
+from crtk_drivers.labs.reports import REPORT_FD, Report, last_line, read_reports
 
 FIRST_DELAY: Final = 1.0
 LONGEST_DELAY: Final = 30.0
@@ -64,6 +64,10 @@ class Phase(StrEnum):
     STOPPING = "stopping"
     ENDED = "ended"
     """It is not started again."""
+
+
+_UNSAID: Final = "cannot be started as asked"
+"""What to say of a device that ended without a word."""
 
 
 @dataclass(eq=False)
@@ -259,7 +263,9 @@ class Supervisor:
         if not child.reports and code == 0:
             self._ended(child, now, "has done its work", again=False)
         elif child.reports and code == USAGE_ERROR:
-            self._ended(child, now, f"{_ends_with(child.log)} (see {child.log})", again=False)
+            self._ended(
+                child, now, f"{last_line(child.log) or _UNSAID} (see {child.log})", again=False
+            )
         else:
             self._ended(child, now, f"{_told(code)} (see {child.log})", again=True)
 
@@ -358,15 +364,6 @@ def _told(code: int) -> str:
     with contextlib.suppress(ValueError):
         return f"ended by {signal.Signals(-code).name}"
     return f"ended by signal {-code}"
-
-
-def _ends_with(log: Path) -> str:
-    """Return the last line of a log."""
-    with contextlib.suppress(OSError):
-        lines = log.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
-        if lines:
-            return lines[-1].strip()
-    return "cannot be started as asked"
 
 
 def _cpu_seconds(pid: int) -> float:

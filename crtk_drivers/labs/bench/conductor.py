@@ -48,6 +48,7 @@ from crtk_drivers.labs.bench.operator import Operator, Person
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.taping import carrier_recording
 from crtk_drivers.labs.bench.watch import Watch, let_go
+from crtk_drivers.labs.reports import last_line
 from crtk_drivers.labs.sim_coupling import Coupling, Told, followed
 from crtk_drivers.plugins import RunningSim, SimFault
 from crtk_drivers.samples import Pose, Vector, Wrench
@@ -348,9 +349,17 @@ class _Hosted:
         """
         if self._trouble is not None:
             raise self._trouble
-        self._door = Door(self._path, self._key, START_TIMEOUT)
+        self._door = Door(self._path, self._key, START_TIMEOUT, self._gone)
         self._about = self._door.call("about", within=START_TIMEOUT)
         return self.known
+
+    def _gone(self) -> str:
+        """Return that the driver's process has ended, and its last words; empty while it runs."""
+        code = None if self._process is None else self._process.poll()
+        if code is None:
+            return ""
+        said = last_line(self._log)
+        return f"the driver's process ended with exit code {code}{said and ': '}{said}"
 
     @property
     def known(self) -> About:
@@ -360,7 +369,7 @@ class _Hosted:
 
     def connected(self) -> Door:
         """Return another connection."""
-        return Door(self._path, self._key, START_TIMEOUT)
+        return Door(self._path, self._key, START_TIMEOUT, self._gone)
 
     def couplings(self, watching: Door) -> Iterator[Coupling]:
         """Yield what lets its simulator follow the device to which a connection leads."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from multiprocessing.connection import Client, Connection
 from typing import Any, Final, Self
 
@@ -33,16 +34,19 @@ class Door:
     Args:
         path, key: of the door.
         timeout: seconds in which it must be there.
+        gone: why it will never be there; empty as long as it may.
 
     Raises:
         DoorClosed: it is not.
     """
 
-    def __init__(self, path: str, key: bytes, timeout: float) -> None:
+    def __init__(
+        self, path: str, key: bytes, timeout: float, gone: Callable[[], str] = lambda: ""
+    ) -> None:
         self._path = path
         self._lock = threading.Lock()
         self._asked = 0
-        self._connection = self._connected(key, timeout)
+        self._connection = self._connected(key, timeout, gone)
 
     def close(self) -> None:
         """Leave; commands of this connection end. May be called twice."""
@@ -102,12 +106,14 @@ class Door:
                 return answer
         raise TimeoutError
 
-    def _connected(self, key: bytes, timeout: float) -> Connection:
+    def _connected(self, key: bytes, timeout: float, gone: Callable[[], str]) -> Connection:
         deadline = time.monotonic() + timeout
         while True:
             try:
                 return Client(self._path, "AF_UNIX", authkey=key)
             except (FileNotFoundError, ConnectionRefusedError) as error:
+                if why := gone():
+                    raise DoorClosed(why) from error
                 if time.monotonic() > deadline:
                     raise DoorClosed(
                         f"the driver's process does not answer within {timeout:g} s"

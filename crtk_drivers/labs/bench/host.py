@@ -272,7 +272,12 @@ def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     order: HostOrder = pickle.load(sys.stdin.buffer)
     with stop_signals() as stop:
-        Host(Session(plugins.device(order.plugin), order.config), order).serve(stop)
+        try:
+            session = Session(plugins.device(order.plugin), order.config)
+        except CrtkError as error:
+            logger.error("%s", error)
+            return 1
+        Host(session, order).serve(stop)
     return 0
 
 
