@@ -20,7 +20,8 @@ from crtk_drivers.cli.launch import Launch, launch_of, launch_options
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.cli.typed_options import make_command
-from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra
+from crtk_drivers.device import Severity
+from crtk_drivers.errors import CommandRefused, ConfigError, CrtkError, MissingExtra
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros import environment
@@ -101,7 +102,7 @@ def _table(findings: list[Finding]) -> Table:
     for column in ("check", "verdict", "result"):
         table.add_column(column, overflow="fold", no_wrap=column != "result")
     for finding in findings:
-        result = Text(finding.result)
+        result = Text(worded(finding.result))
         if finding.remedy:
             result.append(f"\n{worded(finding.remedy)}", _STYLES[finding.verdict])
         table.add_row(finding.what, Text(finding.verdict, _STYLES[finding.verdict]), result)
@@ -131,6 +132,8 @@ def _check_link(launch: Launch) -> Iterator[Finding]:
         if connected.verdict is Verdict.OK:
             yield from _check_state(session.engine)
             yield from _check_rate(session.engine)
+            for name, engine in {"": session.engine, **session.children}.items():
+                yield from _check_enable(engine, f"enable {name}".strip())
 
 
 def _check_connection(session: Session, started: float) -> Finding:
@@ -163,6 +166,9 @@ def _check_state(engine: Engine) -> Iterator[Finding]:
         words = {note.key: note.text for note in health.notes}
         lines = grouped(health.device, words, engine.capabilities.joints)
         yield Finding("device counters", Verdict.OK, "\n".join(lines))
+    for note in health.notes:
+        if note.severity is not Severity.INFO:
+            yield Finding("note", Verdict.WARNING, f"{note.key}: {note.text}")
 
 
 def _check_rate(engine: Engine) -> Iterator[Finding]:
@@ -188,6 +194,23 @@ def _check_rate(engine: Engine) -> Iterator[Finding]:
         f"{late} of {cycles}, longest {1e3 * after.worst_cycle:.1f} ms",
         "Allow real-time priority (below), or lower the load of this machine." if many else "",
     )
+
+
+def _check_enable(engine: Engine, what: str) -> Iterator[Finding]:
+    """Say what would refuse `enable`. It comes last, when the device has told all of itself."""
+    status = engine.status
+    obstacles = [(_reason(error), error.remedy) for error in engine.device.obstacles]
+    if not obstacles:
+        yield Finding(what, Verdict.OK, "no known obstacle")
+    for reason, remedy in obstacles:
+        if status.state is OperatingState.FAULT and reason in status.detail:
+            continue  # the operating state has said it
+        yield Finding(what, Verdict.FAILED, reason, remedy)
+
+
+def _reason(error: CrtkError) -> str:
+    text = error.detail if isinstance(error, CommandRefused) else error.message
+    return text.removeprefix("enable: ")
 
 
 def _check_ros() -> Finding:

@@ -22,7 +22,9 @@ from crtk_drivers.device.arm_kinematics import Kinematics
 from crtk_drivers.device.capabilities import Capabilities
 from crtk_drivers.device.extras import Input, Note, Reading, Service, Steps
 from crtk_drivers.device.values import Condition, Goal, MoveProgress, Setpoint
+from crtk_drivers.errors import CrtkError, DeviceFault, raise_first
 from crtk_drivers.samples import Sample
+from crtk_drivers.state import OperatingState
 
 
 class Device(ABC):
@@ -160,6 +162,16 @@ class Device(ABC):
         return Condition()
 
     @property
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        """What `enable` would raise now, as far as the last `read` says. ``crtk-driver check`` shows it.
+
+        `enable` raises the first of these errors (`raise_first`), so that both judge alike. What `enable`
+        removes by itself is no obstacle: a fault that it resets, an arm without power. No I/O; from any
+        thread.
+        """
+        return ()
+
+    @property
     def is_homed(self) -> bool:
         """Whether positions can be trusted; asked only if the capabilities need homing."""
         return True
@@ -215,8 +227,9 @@ class Device(ABC):
         """Power up and be ready for setpoints; the first one will be the measured position.
 
         Raises:
-            TransitionFailed, DeviceFault: with what is in the way and how to remove it.
+            CrtkError: the first of the `obstacles`, or what comes in the way later, and how to remove it.
         """
+        raise_first(self.obstacles)
         yield from ()
 
     def disable(self) -> Steps:
@@ -258,6 +271,16 @@ class Device(ABC):
 
 class Sensor(Device):
     """A device that measures and has nothing that moves: no command leads to `write`."""
+
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        """The fault of its `condition`: `enable` of a sensor only relies on it."""
+        condition = self.condition
+        if condition.allows is not OperatingState.FAULT:
+            return ()
+        remedy = "Remove the cause, and enable again."
+        return (DeviceFault(condition.reason, where=self.address, remedy=remedy),)
 
     @override
     def write(self, setpoint: Setpoint) -> None:

@@ -30,6 +30,7 @@ Send one value for each of shoulder_pan_joint, ...`
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
 
 from typing_extensions import override
@@ -39,7 +40,9 @@ from crtk_drivers.errors.wording import worded
 
 def with_remedy(text: str, remedy: str) -> str:
     """Return `text` and, as a sentence of its own, what to do next."""
-    return f"{text.rstrip('.')}. {remedy}" if remedy else text
+    if not remedy:
+        return text
+    return f"{text} {remedy}" if text.endswith(("?", "!")) else f"{text.rstrip('.')}. {remedy}"
 
 
 REPORT = "Please report this."
@@ -225,6 +228,16 @@ class CommandRefused(CrtkError, ValueError):
             stamp_ns=stamp_ns,
         )
         return told.with_traceback(self.__traceback__)
+
+
+def raise_first(errors: Iterable[CrtkError]) -> None:
+    """Raise the first of these errors; return if there is none.
+
+    Raises:
+        CrtkError: that one.
+    """
+    for error in errors:
+        raise error
 
 
 class MotionAborted(CrtkError):

@@ -260,6 +260,7 @@ class DeviceContract:
     def test_disable_and_enable_again(self, enabled: LocalDevice) -> None:
         enabled.disable()
         assert enabled.operating_state().state is OperatingState.DISABLED
+        assert not enabled.engine.device.obstacles, "`enable` raises these, or they are none"
         enabled.enable()
         enabled.enable()
         enabled.disable()

@@ -20,6 +20,7 @@ from crtk_drivers.device import (
     Setpoint,
     Steps,
 )
+from crtk_drivers.errors import CrtkError
 from crtk_drivers.samples import Sample
 
 
@@ -78,6 +79,11 @@ class WrappedDevice(Device):
     @override
     def condition(self) -> Condition:
         return self.inner.condition
+
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        return self.inner.obstacles
 
     @property
     @override

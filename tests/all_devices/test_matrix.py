@@ -6,7 +6,7 @@ Each way in which a driver meets a fault is met once, the first of them in every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -15,6 +15,7 @@ from bench.reliability.procedures import BrokenPromiseError, run
 from bench.reliability.rig import Rig
 from bench.reliability.rigs import RIGS
 from bench.reliability.table import FAULTS, NOW_AND_THEN, Cell, covering, full, thinned
+from rigs.fault_rigs import FaultRigs
 
 CELLS = [
     cell
@@ -29,34 +30,6 @@ SLOW = {
 """Drivers whose wire is DDS, or a line of one question at a time: a machine that runs all tests delays them
 by more than an arm may be behind. Those
 whose own tests ask the same in less time."""
-
-Opened = Callable[[str], Rig]
-
-
-class _Rigs:
-    """The rig of one driver, and another one after it was left in a state that nobody knows."""
-
-    def __init__(self) -> None:
-        self._rig: Rig | None = None
-
-    def of(self, name: str) -> Rig:
-        if self._rig is not None and self._rig.name != name:
-            self.drop()
-        if self._rig is None:
-            self._rig = RIGS[name]().__enter__()
-        return self._rig
-
-    def drop(self) -> None:
-        rig, self._rig = self._rig, None
-        if rig is not None:
-            rig.__exit__(None, None, None)
-
-
-@pytest.fixture(scope="module")
-def rigs() -> Iterator[_Rigs]:
-    opened = _Rigs()
-    yield opened
-    opened.drop()
 
 
 def _parameters() -> Iterator[object]:
@@ -76,7 +49,7 @@ def _parameters() -> Iterator[object]:
 
 @pytest.mark.sweep(9)
 @pytest.mark.parametrize("cell", list(_parameters()))
-def test_a_fault_is_met_as_promised(rigs: _Rigs, cell: Cell) -> None:
+def test_a_fault_is_met_as_promised(rigs: FaultRigs, cell: Cell) -> None:
     rig = rigs.of(cell.driver)
     try:
         run(rig, cell)

@@ -20,7 +20,13 @@ from crtk_drivers.device import (
     Severity,
     Steps,
 )
-from crtk_drivers.errors import ConnectionLost, DeviceFault, TransitionFailed
+from crtk_drivers.errors import (
+    ConnectionLost,
+    CrtkError,
+    DeviceFault,
+    TransitionFailed,
+    raise_first,
+)
 from crtk_drivers.kit.axes.motion_controller import Complaint, MotionController
 from crtk_drivers.kit.stream_goal import StreamGoal
 from crtk_drivers.kit.waiting_steps import until
@@ -200,9 +206,19 @@ class AxesDevice(Device):
                 controller.watch(all(axis.has_power for axis in controller.axes))
             raise
 
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        where = self._controller.where
+        return tuple(
+            DeviceFault(text, where=where, remedy=remedy)
+            for text, remedy in self._controller.hindered
+        )
+
     @override
     def enable(self) -> Steps:
         controller = self._controller
+        raise_first(self.obstacles)
         self._trouble = ""
         with self._power_changes():
             if any(axis.is_moving for axis in controller.axes):

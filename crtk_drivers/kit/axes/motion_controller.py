@@ -196,6 +196,11 @@ class MotionController(ABC):
     def watch(self, on: bool) -> None:  # noqa: B027 - some tell faults by themselves
         """Judge from now on what axes tell, which should have power; or do not, while that changes."""
 
+    @property
+    def hindered(self) -> Sequence[Complaint]:
+        """Why axes would get no power now, by what they have told last; what `prepare` removes is none."""
+        return ()
+
     def prepare(self) -> Steps:
         """Have the axes ready for power: faults cleared that can be, velocities and accelerations set."""
         yield from ()

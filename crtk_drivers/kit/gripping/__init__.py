@@ -5,7 +5,7 @@ from crtk_drivers.kit.gripping.doing import EMPTY, ENDS_WELL, HELD, ON_ITS_WAY, 
 from crtk_drivers.kit.gripping.echo import Echo
 from crtk_drivers.kit.gripping.gripper_device import GripperDevice, OnClose
 from crtk_drivers.kit.gripping.hand import Hand, HandService, Measured, When
-from crtk_drivers.kit.gripping.readying import may_be_dropped
+from crtk_drivers.kit.gripping.readying import not_made_ready
 from crtk_drivers.kit.gripping.smoothed_rate import SmoothedRate
 
 __all__ = [
@@ -25,5 +25,5 @@ __all__ = [
     "SmoothedRate",
     "Weight",
     "When",
-    "may_be_dropped",
+    "not_made_ready",
 ]

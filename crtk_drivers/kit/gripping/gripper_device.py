@@ -30,11 +30,13 @@ from crtk_drivers.device import (
 )
 from crtk_drivers.errors import (
     CommandRefused,
+    CrtkError,
     DeviceError,
     DeviceFault,
     MotionAborted,
     Reason,
     TransitionFailed,
+    raise_first,
     with_remedy,
 )
 from crtk_drivers.kit.gripping.doing import EMPTY, HELD, ON_ITS_WAY, Doing, Weight
@@ -252,13 +254,23 @@ class GripperDevice(Device):
             return Condition(OperatingState.PAUSED, "another program commands it")
         return Condition()
 
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        hand = self._hand
+        if not hand.is_open:
+            return ()
+        fault = hand.fault
+        if fault is not None and fault.weight is Weight.STOPS:
+            return (DeviceFault(fault.text, where=hand.where, remedy=fault.remedy),)
+        return hand.obstacles(may_hold=self._may_hold)
+
     @override
     def enable(self) -> Steps:
-        hand, fault = self._hand, self._hand.fault
-        if fault is not None and fault.weight is Weight.STOPS:
-            raise DeviceFault(fault.text, where=hand.where, remedy=fault.remedy)
+        raise_first(self.obstacles)
+        hand = self._hand
         self._is_made_ready = True
-        yield from hand.make_ready(may_hold=self._may_hold)
+        yield from hand.make_ready()
         self._is_made_ready = False
         yield from self.resume()
 

@@ -9,6 +9,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from crtk_drivers.device import Answer, Capabilities, Condition, Mode, Note, Reading, Steps
+from crtk_drivers.errors import CrtkError
 from crtk_drivers.kit.gripping.adjustable import Adjustable
 from crtk_drivers.kit.gripping.doing import ENDS_WELL, ON_ITS_WAY, Doing, Fault
 from crtk_drivers.samples import Stamp
@@ -183,13 +184,17 @@ class Hand(ABC):
     def adopt(self) -> None:  # noqa: B027 - most know nothing of others
         """What it does now is as if we had asked for it."""
 
-    def make_ready(self, *, may_hold: bool) -> Steps:
-        """Have it ready for motions, as a part of `enable`.
+    def obstacles(self, *, may_hold: bool) -> tuple[CrtkError, ...]:
+        """Return what `enable` fails on now, beside faults that stop it; see `Device.obstacles`.
 
         Args:
             may_hold: it held something when that could be told last; what drops that is refused
-                (`may_be_dropped`).
+                (`not_made_ready`).
         """
+        return ()
+
+    def make_ready(self) -> Steps:
+        """Have it ready for motions, as a part of `enable`. There are no `obstacles`."""
         yield from ()
 
     def sort_out(self) -> Steps:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from crtk_drivers.errors import TransitionFailed
+from crtk_drivers.errors import CrtkError, TransitionFailed
 
-__all__ = ["may_be_dropped"]
+__all__ = ["not_made_ready"]
 
 
-def may_be_dropped(
+def not_made_ready(
     what: str, policy: str, service: str, *, may_hold: bool, where: str, verb: str
-) -> None:
-    """Refuse to make it ready where that is not wanted, or would drop something.
+) -> tuple[CrtkError, ...]:
+    """Return why it is not made ready by `enable`: that is not wanted, or would drop something.
 
     Args:
         what: why it is not ready.
@@ -19,17 +19,12 @@ def may_be_dropped(
         may_hold: it may hold something.
         where: for messages.
         verb: what it would be to make it ready: ``activate it``.
-
-    Raises:
-        TransitionFailed: with what to do.
     """
     if policy == "never":
-        raise TransitionFailed(
-            what, where=where, remedy=f"Have it done at its pendant or page, or use {service}."
-        )
+        remedy = f"Have it done at its pendant or page, or use {service}."
+        return (TransitionFailed(what, where=where, remedy=remedy),)
     if may_hold:
-        raise TransitionFailed(
-            f"{what}, and may still hold something, which to {verb} would drop",
-            where=where,
-            remedy=f"Take that out; then use the service {service}.",
-        )
+        text = f"{what}, and may still hold something, which to {verb} would drop"
+        remedy = f"Take that out; then use the service {service}."
+        return (TransitionFailed(text, where=where, remedy=remedy),)
+    return ()

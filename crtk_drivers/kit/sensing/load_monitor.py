@@ -7,10 +7,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from crtk_drivers.device import Condition, Steps
-from crtk_drivers.errors import DeviceFault
 from crtk_drivers.kit.sensing.status_words import Meaning, StatusTable, combined
-from crtk_drivers.state import OperatingState
 
 OnSaturation = Literal["flag", "invalid", "fault"]
 """Beyond what can be measured: say so, mark the measurement as invalid as well, or go to FAULT."""
@@ -128,16 +125,3 @@ class LoadMonitor:
         self._word = 0
         self._is_unfit = False
         self._error_until = self._saturated_until = self._over_until = -np.inf
-
-
-def rely_on(condition: Condition, where: str) -> Steps:
-    """Rely on the measurements from now on: `enable` of a sensor.
-
-    Raises:
-        DeviceFault: it is in FAULT.
-    """
-    if condition.allows is OperatingState.FAULT:
-        raise DeviceFault(
-            condition.reason, where=where, remedy="Remove the cause, and enable again."
-        )
-    yield from ()

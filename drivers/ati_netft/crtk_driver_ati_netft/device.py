@@ -41,12 +41,11 @@ from crtk_drivers.device import (
     Sensor,
     Service,
     Severity,
-    Steps,
     StopPolicy,
 )
 from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.kit.averaging import Averaging
-from crtk_drivers.kit.sensing.load_monitor import LoadMonitor, rely_on
+from crtk_drivers.kit.sensing.load_monitor import LoadMonitor
 from crtk_drivers.kit.sensing.sequence import Event
 from crtk_drivers.samples import Array, Sample, Stamp, Value, Vector, Wrench, vector
 from crtk_drivers.state import OperatingState
@@ -243,15 +242,6 @@ class NetFtDevice(Sensor):
             self._due = time.monotonic() + self.pipeline.pending
             if published is not None:
                 return self._sample(published, batch)
-
-    @override
-    def enable(self) -> Steps:
-        """Rely on the measurements from now on.
-
-        Raises:
-            DeviceFault: the sensor reports an error, or is frozen.
-        """
-        return rely_on(self.condition, self.address)
 
     @property
     @override

@@ -197,11 +197,12 @@ class Axis:
         self.drive.halt = self._halted
         self.drive.mode_bits = bits
         word = self.drive.step(feedback.statusword, now)
-        self._remote = self.is_enabled and (self._remote or self._takes_controlwords)
+        self._remote = self.is_enabled and (self._remote or self.takes_controlwords)
         return word
 
     @property
-    def _takes_controlwords(self) -> bool:
+    def takes_controlwords(self) -> bool:
+        """Whether the drive says that it does (remote, bit 9); some never say so."""
         return bool(self.drive.statusword & Status.REMOTE)
 
     @property
@@ -209,6 +210,6 @@ class Axis:
         """Why it cannot be used, in words; empty if it can."""
         if self.drive.failure is not None:
             return self.drive.failure.text
-        if self._remote and not self._takes_controlwords:
+        if self._remote and not self.takes_controlwords:
             return "remote (bit 9) has gone to 0: somebody else controls it"
         return self._change.failure

@@ -22,7 +22,7 @@ from crtk_driver_canopen.motion import Motion
 from crtk_driver_canopen.renewal import Renewal
 from crtk_driver_canopen.statemachine import State, Status
 from crtk_driver_canopen.stopping import leave_holding
-from crtk_driver_canopen.troubles import Troubles
+from crtk_driver_canopen.troubles import AGAIN, Troubles
 from crtk_drivers.device import (
     Capabilities,
     Condition,
@@ -34,7 +34,7 @@ from crtk_drivers.device import (
     Severity,
     Steps,
 )
-from crtk_drivers.errors import ConnectionLost, TransitionFailed
+from crtk_drivers.errors import ConnectionLost, CrtkError, TransitionFailed, raise_first
 from crtk_drivers.kit import until
 from crtk_drivers.samples import JointState, Sample, Value, vector
 from crtk_drivers.state import OperatingState
@@ -288,6 +288,13 @@ class CanopenDevice(Device):
     def is_homed(self) -> bool:
         return all(axis.homed for axis in self.axes)
 
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        if not self.link.is_live:
+            return ()
+        return tuple(self._troubles.of_enabling(time.monotonic()))
+
     @override
     def enable(self) -> Steps:
         """Set up again what has started anew, clear faults, and give power, holding where it is."""
@@ -300,7 +307,7 @@ class CanopenDevice(Device):
             yield from self._rest()  # a ramp that follows a fault is not cut off
             self._motion.begin_anew(time.monotonic())
             yield from self._clear_faults()
-            self._troubles.check_whereabouts()
+            raise_first(self._troubles.astray())
             yield from self._renewal.give_limits(
                 axis
                 for axis, position in zip(self.axes, self.link.positions, strict=True)
@@ -372,7 +379,7 @@ class CanopenDevice(Device):
                 raise TransitionFailed(
                     "; ".join([*failures, *missing.values(), *told]),
                     where=self.link.where,
-                    remedy="Remove the cause, and enable again.",
+                    remedy=AGAIN,
                 )
             yield
 
@@ -443,5 +450,10 @@ class CanopenDevice(Device):
         ]
         told += [
             Note(Severity.WARNING, axis.place, text) for axis in self.axes for text in axis.notes
+        ]
+        told += [
+            Note(Severity.WARNING, axis.place, "remote (bit 9) is 0: it may take no controlwords")
+            for axis in self.axes
+            if self.link.is_live and not axis.takes_controlwords
         ]
         return tuple(told)

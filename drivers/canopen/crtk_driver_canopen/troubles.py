@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
 
 from crtk_driver_canopen.arm_link import COLLECT, ArmLink
 from crtk_driver_canopen.axis import Axis
@@ -12,7 +13,9 @@ from crtk_driver_canopen.statemachine import State
 from crtk_driver_canopen.targets import UNHEARD
 from crtk_drivers.errors import TransitionFailed
 
-__all__ = ["Troubles"]
+__all__ = ["AGAIN", "Troubles"]
+
+AGAIN: Final = "Remove the cause, and enable again."
 
 
 class Troubles:
@@ -101,12 +104,24 @@ class Troubles:
             if wanted is not None and axis.is_enabled:
                 axis.drive.request(wanted)
 
-    def check_whereabouts(self) -> None:
-        """See that each joint stands where one of its range can: its target will be there when it gets power.
+    def of_enabling(self, now: float) -> Iterator[TransitionFailed]:
+        """Yield what keeps the arm from being enabled, also after its nodes were set up anew."""
+        link = self._link
+        foreign = link.foreign.found(now)
+        if foreign:
+            yield TransitionFailed(foreign, where=link.where, remedy=AGAIN)
+        missing = self.missing(now)
+        strange = [
+            missing[axis.config.node]
+            for axis, where in zip(link.axes, link.whereabouts, strict=True)
+            if where.strange > UNHEARD
+        ]
+        if strange:
+            yield TransitionFailed("; ".join(strange), where=link.where, remedy=AGAIN)
+        yield from self.astray()
 
-        Raises:
-            TransitionFailed: one does not.
-        """
+    def astray(self) -> Iterator[TransitionFailed]:
+        """Yield which joints stand beyond all that their range allows: with power, they would hold there."""
         positions = self._link.units.positions(self._link.positions)
         astray = [
             f"{axis.place} tells that it is at {position:.4g}, where no joint of its range can stand "
@@ -115,7 +130,7 @@ class Troubles:
             if axis.is_astray(position)
         ]
         if astray:
-            raise TransitionFailed(
+            yield TransitionFailed(
                 "; ".join(astray),
                 where=self._link.where,
                 remedy="Check its encoder, and the gear, offset and range that are configured.",

@@ -21,6 +21,7 @@ from crtk_driver_copley.tables import (
     CLEAR_PVT,
     CONDITIONS,
     DISABLED,
+    HINDERS,
     PROGRAMMED_POSITION,
     VELOCITY_UNIT,
     Parameter,
@@ -295,6 +296,16 @@ class CopleyController(MotionController):
             if on:
                 axis.judged()  # where it stands is not news
             axis.powered = on
+
+    @property
+    @override
+    def hindered(self) -> Sequence[Complaint]:
+        return [
+            Complaint(f"{axis.name}: {CONDITIONS[bit].text}", CONDITIONS[bit].remedy)
+            for axis in self._axes
+            for bit in HINDERS
+            if axis.status & bit
+        ]
 
     @override
     def prepare(self) -> Steps:

@@ -131,6 +131,9 @@ CONDITIONS: Final[Mapping[Status, Meaning]] = MappingProxyType(
 )
 """Bits that no axis with power may show."""
 
+HINDERS: Final = (Status.INPUT_OFF,)
+"""Those of them for which an axis gets no power; others may be latched, and `enable` clears them."""
+
 LIMITS: Final[Mapping[Status, Meaning]] = MappingProxyType(
     {
         Status.POSITIVE_LIMIT: Meaning("positive limit switch", _SWITCH),

@@ -155,7 +155,7 @@ class DvrkDevice(Sensor):
         arm = self._arm
         name = f"{arm.name} {arm.serial_number}".strip()
         notes = [Note(Severity.INFO, "arm", f"{name}, boards {', '.join(map(str, arm.boards))}")]
-        unset = []
+        unset, partly = [], []
         for each in self._found:
             period = self._once(each, Register.WATCHDOG, deadline) * WATCHDOG_STEP
             text = f"FPGA V{each.fpga}, {each.hardware_name}, firmware {each.firmware}, node {each.node}; "
@@ -164,6 +164,9 @@ class DvrkDevice(Sensor):
             loads = [self._once(each, preload(at), deadline) for at in self._used[each.board]]
             if all(load == MIDDLE for load in loads):
                 unset.append(str(each.board))
+            if MIDDLE in loads:
+                partly.append(each.board)
+        self._unset = tuple(partly)
         if unset:
             text = (
                 f"those of board {', '.join(unset)} were not set since it was switched on: positions count "

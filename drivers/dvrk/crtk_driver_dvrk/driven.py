@@ -48,7 +48,13 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionLost, DeviceFault, TransitionFailed
+from crtk_drivers.errors import (
+    ConnectionLost,
+    CrtkError,
+    DeviceFault,
+    TransitionFailed,
+    raise_first,
+)
 from crtk_drivers.kit.waiting_steps import until
 from crtk_drivers.samples import JointState, Sample
 from crtk_drivers.state import OperatingState
@@ -336,7 +342,7 @@ class DrivenDevice(DvrkDevice):
                 where=self._boards.where,
                 remedy="Does another program drive the arm? Take its power away by the emergency stop.",
             )
-        self._refuse_boards()
+        raise_first(self._of_boards())
         kept: dict[Place, int] = {}
         for board, axes in self._used.items():
             watchdog = board, int(Register.WATCHDOG)
@@ -345,43 +351,54 @@ class DrivenDevice(DvrkDevice):
             for axis in axes:
                 place = board, preload(axis)
                 kept[place] = yield from self._registers.read(place)
-        unset = [
-            f"{place[0]}" for place, value in kept.items() if value == MIDDLE and place[1] > 15
-        ]
-        if unset:
-            raise TransitionFailed(
-                f"encoders of board {', '.join(dict.fromkeys(unset))} have not been set since it was "
+        self._unset = tuple(
+            dict.fromkeys(
+                place[0] for place, value in kept.items() if value == MIDDLE and place[1] > 15
+            )
+        )
+        raise_first(self._of_encoders())
+        self._registers.keep(kept)
+
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        if self._drive.is_on:
+            return ()
+        return (*self._of_boards(), *self._of_encoders())
+
+    def _of_boards(self) -> Iterator[TransitionFailed]:
+        """Yield why boards are not in order."""
+
+        def failed(text: str, remedy: str) -> TransitionFailed:
+            return TransitionFailed(text, where=self._boards.where, remedy=remedy)
+
+        if self._trouble:
+            yield failed(self._trouble, "Look at the encoders and their cables.")
+        for number, state in self._states.items():
+            on = [axis for axis in self._used[number] if not state.axes[axis].is_off]
+            if on:
+                yield failed(
+                    f"board {number}: amplifiers of axes {', '.join(map(str, on))} are on, and not by this "
+                    "driver",
+                    "Another program drives the arm: end it (dVRK's own?) first.",
+                )
+            if max(state.temperatures) > HOT:
+                yield failed(
+                    f"board {number} is hotter than {HOT:g} °C", "Let the controller cool down."
+                )
+        other = self._other_reader(self._before)
+        if other is not None:
+            yield failed(other.words, other.remedy)
+
+    def _of_encoders(self) -> Iterator[TransitionFailed]:
+        """Yield which encoders have not been set, as it was read last."""
+        if self._unset:
+            yield TransitionFailed(
+                f"encoders of board {', '.join(map(str, self._unset))} have not been set since it was "
                 "switched on: nobody knows where the arm is",
                 where=self._boards.where,
                 remedy="Home the arm with dVRK's program, or use the service set_encoders.",
             )
-        self._registers.keep(kept)
-
-    def _refuse_boards(self) -> None:
-        if self._trouble:
-            raise TransitionFailed(
-                self._trouble,
-                where=self._boards.where,
-                remedy="Look at the encoders and their cables.",
-            )
-        for number, state in self._states.items():
-            on = [axis for axis in self._used[number] if not state.axes[axis].is_off]
-            if on:
-                raise TransitionFailed(
-                    f"board {number}: amplifiers of axes {', '.join(map(str, on))} are on, and not by this "
-                    "driver",
-                    where=self._boards.where,
-                    remedy="Another program drives the arm: end it (dVRK's own?) first.",
-                )
-            if max(state.temperatures) > HOT:
-                raise TransitionFailed(
-                    f"board {number} is hotter than {HOT:g} °C",
-                    where=self._boards.where,
-                    remedy="Let the controller cool down.",
-                )
-        other = self._other_reader(self._before)
-        if other is not None:
-            raise TransitionFailed(other.words, where=self._boards.where, remedy=other.remedy)
 
     def _power_up(self) -> Steps:
         yield from self._powering.up(self._motors)
@@ -447,6 +464,7 @@ class DrivenDevice(DvrkDevice):
                 self._unpowered()
                 yield from self._registers.write((motor.board, preload(motor.axis)), value)
         self._about = [note for note in self._about if note.key != "encoders"]
+        self._unset = ()
         return f"encoders of {len(values)} axes are set by their potentiometers"
 
     def _unpowered(self) -> States:

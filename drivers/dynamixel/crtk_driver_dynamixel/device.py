@@ -37,7 +37,7 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionLost
+from crtk_drivers.errors import ConnectionLost, CrtkError
 from crtk_drivers.samples import JointState, Sample, Stamp, Value, Vector, vector
 from crtk_drivers.state import OperatingState
 
@@ -269,6 +269,11 @@ class _ChainDevice(Device):
     @override
     def condition(self) -> Condition:
         return self._condition
+
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        return tuple(self.part.obstacles())
 
     @override
     def enable(self) -> Steps:

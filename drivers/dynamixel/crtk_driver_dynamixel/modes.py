@@ -101,15 +101,23 @@ class Modes:
         for place in places:
             link.health[place].torque = True
 
-    def beyond(self, places: Sequence[int]) -> str:
-        """Return which servos have left the turn that their position mode knows, in words; empty if none.
+    def beyond(self, counts: Mapping[int, int]) -> Iterator[DeviceFault]:
+        """Yield which servos have left the turn that their position mode knows.
 
         Position mode would take them for where they were a turn before, and its goals lead them on.
+
+        Args:
+            counts: where each is, by place.
         """
+        found = self._beyond(counts)
+        if found:
+            yield DeviceFault(found, where=self._link.address, remedy=BY_HAND)
+
+    def _beyond(self, counts: Mapping[int, int]) -> str:
         return "; ".join(
             f"{self._link.chain.servos[place].place} stands at count {count}, outside its own limits "
             f"{low} to {high}"
-            for place, count, low, high in self._in_one_turn(places)
+            for place, count, low, high in self._in_one_turn(counts)
             if not low <= count <= high
         )
 
@@ -117,12 +125,12 @@ class Modes:
         """Whether a servo is less than an eighth of a turn from the end of the turn, or beyond."""
         return any(
             not low + NEAR <= count <= high - NEAR
-            for _, count, low, high in self._in_one_turn(places)
+            for _, count, low, high in self._in_one_turn(self._link.read_positions(places))
         )
 
-    def _in_one_turn(self, places: Sequence[int]) -> Iterator[tuple[int, int, int, int]]:
+    def _in_one_turn(self, counts: Mapping[int, int]) -> Iterator[tuple[int, int, int, int]]:
         """Yield place, count and its bounds of those whose position mode knows one turn."""
-        for place, count in self._link.read_positions(places).items():
+        for place, count in counts.items():
             if self.mode(place, Kind.POSITION) is OperatingMode.POSITION:
                 yield place, count - self._ignored_homing(place), *self._limits(place)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -23,16 +23,16 @@ from crtk_driver_dynamixel.confirmed import make_sure
 from crtk_driver_dynamixel.goals import SentGoals
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
-from crtk_driver_dynamixel.modes import BY_HAND, Modes
+from crtk_driver_dynamixel.modes import Modes
 from crtk_driver_dynamixel.own_limits import wider
-from crtk_driver_dynamixel.preparation import recover, set_up
+from crtk_driver_dynamixel.preparation import obstacles, recover, set_up, unheard
 from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.servo_state import Values
 from crtk_driver_dynamixel.stopping import Stopping
 from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
-from crtk_drivers.errors import DeviceFault, StopUnconfirmed
+from crtk_drivers.errors import DeviceError, DeviceFault, StopUnconfirmed, raise_first
 from crtk_drivers.kit.waiting_steps import until
 
 logger = logging.getLogger(__name__)
@@ -309,9 +309,7 @@ class Part:
             yield from self._hold_here(back)
 
     def _hold_here(self, places: Sequence[int]) -> Steps:
-        beyond = self._modes.beyond(places)
-        if beyond:
-            raise DeviceFault(beyond, where=self._link.address, remedy=BY_HAND)
+        raise_first(self._modes.beyond(self._link.read_positions(places)))
         yield from self._switch(Kind.POSITION, places)
 
     def _rest_by_velocity(self, places: Sequence[int]) -> Steps:
@@ -344,6 +342,19 @@ class Part:
 
     # ---------------------------------------------------------------------------------- transitions
 
+    def obstacles(self) -> Iterator[DeviceError]:
+        """Yield what `enable` fails on now, by what was read last."""
+        link, frame = self._link, self._link.frame
+        if frame is None or self.kind is not None:
+            return
+        silent = self.silent()
+        if silent:
+            names = ", ".join(map(self._name, silent))
+            yield unheard(link, names)
+        heard = [place for place in self.places if frame.valid[place]]
+        yield from obstacles(link, heard, self._config)
+        yield from self._modes.beyond({place: int(frame.position[place]) for place in heard})
+
     def enable(self) -> Steps:
         """Restart servos with errors, set all up, and hold them where they are.
 
@@ -363,9 +374,7 @@ class Part:
         yield from recover(link, places)
         yield from set_up(link, places, self._config)
         self._tell_limits()
-        beyond = self._modes.beyond(places)
-        if beyond:
-            raise DeviceFault(beyond, where=link.address, remedy=BY_HAND)
+        raise_first(self._modes.beyond(link.read_positions(places)))
         self._armed = True
         tripped = [place for place in places if link.health[place].tripped]
         yield from make_sure(link, {p: {"bus_watchdog": 0} for p in tripped})

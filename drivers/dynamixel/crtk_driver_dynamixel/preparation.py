@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from crtk_driver_dynamixel import registers
@@ -12,7 +12,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.replies import ServoCorrupt, ServoRefused, ServoSilent
 from crtk_driver_dynamixel.servo_state import KEPT, Values
 from crtk_drivers.device import Steps
-from crtk_drivers.errors import TransitionFailed
+from crtk_drivers.errors import TransitionFailed, raise_first
 
 ATTEMPTS: Final = 10
 """Times that something is tried until a servo has done it."""
@@ -61,10 +61,13 @@ def _heard(link: ChainLink, places: Sequence[int]) -> Steps:
         if time.monotonic() >= end:
             break
         yield
-    names = ", ".join(link.chain.servos[place].place for place in places)
-    raise TransitionFailed(
-        f"{names} does not answer", where=link.address, remedy="Check its power and cable."
-    )
+    raise unheard(link, ", ".join(link.chain.servos[place].place for place in places))
+
+
+def unheard(link: ChainLink, names: str) -> TransitionFailed:
+    """Return what to say of servos that do not answer."""
+    text = f"{names} does not answer"
+    return TransitionFailed(text, where=link.address, remedy="Check its power and cable.")
 
 
 def _reboot(link: ChainLink, place: int) -> None:
@@ -77,11 +80,34 @@ def _reboot(link: ChainLink, place: int) -> None:
         pass  # it should know it, and does not
     except (ServoSilent, ServoCorrupt):
         return  # it may have heard: `recover` looks
-    raise TransitionFailed(
+    raise _lasting(link, place)
+
+
+def _lasting(link: ChainLink, place: int) -> TransitionFailed:
+    """Return what to say of an error that no restart removes."""
+    servo = link.chain.servos[place]
+    return TransitionFailed(
         f"{servo.place}: {link.health[place].error_text}; a {servo.units.model.name} knows no restart",
         where=link.address,
         remedy="Support the arm, switch the supply of the servo off and on, and enable again.",
     )
+
+
+def obstacles(
+    link: ChainLink, places: Sequence[int], config: DynamixelConfig
+) -> Iterator[TransitionFailed]:
+    """Yield what `recover` and `set_up` fail on, by the registers as they were read last."""
+    for place in places:
+        state, servo = link.states[place], link.chain.servos[place]
+        if link.health[place].hardware_error and not servo.units.model.family.restarts:
+            yield _lasting(link, place)
+        wanted = _unset(link, place, config)
+        if wanted:
+            torque = link.health[place].torque
+            is_on = bool(state.values.get("torque_enable")) if torque is None else torque
+            yield from _unwritable(link, place, wanted, config, torque=is_on)
+        else:
+            yield from _unfit(link, place)
 
 
 def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> Steps:
@@ -95,28 +121,38 @@ def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> S
     for place in places:
         yield from _refresh(link, place)
         yield
-        state, servo = link.states[place], link.chain.servos[place]
-        first = link.chain.servos[link.chain.of_joint(servo.joint)[0]]
-        settings = registers.eeprom(
-            servo,
-            first,
-            state.table,
-            config,
-            link.placement.calibrated.get((servo.bus, servo.id)),
-        )
-        wanted = {
-            setting.item.name: setting.written(state.values[setting.item.name])
-            for setting in settings
-            if setting.differs(state.values[setting.item.name])
-            and setting.item.name != "operating_mode"
-        }
+        wanted = _unset(link, place, config)
         if wanted:
             yield from _write_eeprom(link, place, wanted, config)
             yield
         # With the homing offset that may have been written, it is placed otherwise.
-        found = registers.obstacles(link.chain.servos[place], state.values)
-        if found:
-            raise TransitionFailed("; ".join(found), where=link.address)
+        raise_first(_unfit(link, place))
+
+
+def _unset(link: ChainLink, place: int, config: DynamixelConfig) -> dict[str, int]:
+    """Return what the EEPROM of a servo must hold and does not, by register."""
+    state, servo = link.states[place], link.chain.servos[place]
+    first = link.chain.servos[link.chain.of_joint(servo.joint)[0]]
+    settings = registers.eeprom(
+        servo,
+        first,
+        state.table,
+        config,
+        link.placement.calibrated.get((servo.bus, servo.id)),
+    )
+    return {
+        setting.item.name: setting.written(state.values[setting.item.name])
+        for setting in settings
+        if setting.differs(state.values[setting.item.name])
+        and setting.item.name != "operating_mode"
+    }
+
+
+def _unfit(link: ChainLink, place: int) -> Iterator[TransitionFailed]:
+    """Yield what keeps a servo that is set up from doing what the configuration promises."""
+    found = registers.obstacles(link.chain.servos[place], link.states[place].values)
+    if found:
+        yield TransitionFailed("; ".join(found), where=link.address)
 
 
 def _refresh(link: ChainLink, place: int) -> Steps:
@@ -145,21 +181,30 @@ def _insist(action: Callable[[], None]) -> Steps:
             return
 
 
-def _write_eeprom(link: ChainLink, place: int, wanted: Values, config: DynamixelConfig) -> Steps:
+def _unwritable(
+    link: ChainLink, place: int, wanted: Values, config: DynamixelConfig, *, torque: bool
+) -> Iterator[TransitionFailed]:
+    """Yield why registers of a servo cannot be written."""
     name, state = link.chain.servos[place].place, link.states[place]
     described = ", ".join(f"{r} {state.values[r]} to {value}" for r, value in wanted.items())
     if not config.write_eeprom:
-        raise TransitionFailed(
+        yield TransitionFailed(
             f"{name} is not set up: {described}",
             where=link.address,
             remedy="Set write_eeprom to true, or write it with a tool of your own.",
         )
-    if state.values.get("torque_enable"):
-        raise TransitionFailed(
+    elif torque:
+        yield TransitionFailed(
             f"{name} must be changed ({described}), which its torque forbids",
             where=link.address,
             remedy="Support the arm, send disable, and enable again.",
         )
+
+
+def _write_eeprom(link: ChainLink, place: int, wanted: Values, config: DynamixelConfig) -> Steps:
+    name, state = link.chain.servos[place].place, link.states[place]
+    torque = bool(state.values.get("torque_enable"))
+    raise_first(_unwritable(link, place, wanted, config, torque=torque))
     yield from _insist(lambda: link.write_checked(place, wanted))
     refused = [register for register, value in wanted.items() if state.values[register] != value]
     if refused:

@@ -171,6 +171,12 @@ def stop_text(code: int) -> str:
 _AMPLIFIER: Final = ("over-current", "over-voltage", "over-temperature", "under-voltage")
 
 
+LASTS: Final = 0b1110_1110
+"""Bits of `_AMPLIFIER` that last as long as their cause, for axes A to D and E to H.
+
+Over-current is left out: it is latched until the motor is switched off and on."""
+
+
 def amplifier_text(status: int, axis: int) -> str:
     """Return what the amplifier of an axis says; empty if nothing is wrong.
 

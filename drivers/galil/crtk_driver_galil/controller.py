@@ -22,7 +22,7 @@ from crtk_driver_galil.config import (
     JointConfig,
 )
 from crtk_driver_galil.examination import Examination
-from crtk_driver_galil.record import FORWARD_LIMIT, REVERSE_LIMIT, AxisRecord, Record
+from crtk_driver_galil.record import AXES, FORWARD_LIMIT, REVERSE_LIMIT, AxisRecord, Record
 from crtk_driver_galil.replies import numbers
 from crtk_driver_galil.tracking import (
     PositionTracking,
@@ -157,7 +157,22 @@ class GalilController(MotionController):
         said = "the controller repeats commands: EO 0 ends that"
         revision = [Note(Severity.INFO, "controller", self._revision)] if self._revision else []
         echo = [Note(Severity.WARNING, "echo", said)] if self._commander.echoes else []
-        return (*revision, *echo)
+        amplifiers = [
+            Note(Severity.WARNING, name, f"the amplifier tells {text}")
+            for name, text in self._amplifiers().items()
+        ]
+        return (*revision, *echo, *amplifiers)
+
+    def _amplifiers(self, bits: int = 0xFFFF_FFFF) -> dict[str, str]:
+        """Return what the amplifiers of joints say is wrong, of these bits of their status."""
+        record = self._records.newest
+        if record is None:
+            return {}
+        told = {
+            name: codes.amplifier_text(record.amplifier & bits, AXES.index(joint.axis))
+            for name, joint in self._config.joints.items()
+        }
+        return {name: text for name, text in told.items() if text}
 
     # --------------------------------------------------------------------------------------- the link
 
@@ -309,6 +324,15 @@ class GalilController(MotionController):
     def watch(self, on: bool) -> None:
         self._faults.watched = on
         self._refused = ""
+
+    @property
+    @override
+    def hindered(self) -> Sequence[Complaint]:
+        remedy = "Check the supply and the temperature of the amplifier."
+        return [
+            Complaint(f"{name}: the amplifier tells {text}", remedy)
+            for name, text in self._amplifiers(codes.LASTS).items()
+        ]
 
     @override
     def prepare(self) -> Steps:

@@ -44,7 +44,7 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionFailed, ConnectionLost, TransitionFailed
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, CrtkError, TransitionFailed
 from crtk_drivers.samples import Flag, Joy, Number, Pose, Sample, Stamp, Twist, vector
 from crtk_drivers.state import OperatingState
 
@@ -355,19 +355,13 @@ class HaplyDevice(Device):
 
     # ----------------------------------------------------------------------------------- its state
 
+    @property
     @override
-    def enable(self) -> Steps:
-        """Rely on it from now on. No force is exerted before one is streamed.
-
-        Raises:
-            TransitionFailed: it is not calibrated, or there is no grip that is awake.
-        """
-        condition = self.condition
-        if condition.reason:
-            raise TransitionFailed(
-                condition.reason, where=self._link.where, remedy="Then enable again."
-            )
-        yield from ()
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        reason = self.condition.reason
+        if not reason:
+            return ()
+        return (TransitionFailed(reason, where=self._link.where, remedy="Then enable again."),)
 
     @property
     def _is_calibrated(self) -> bool:

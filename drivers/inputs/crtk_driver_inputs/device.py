@@ -17,8 +17,8 @@ from crtk_driver_inputs import events, spacenav
 from crtk_driver_inputs.config import InputsConfig
 from crtk_driver_inputs.ways import FileWay, SocketWay
 from crtk_drivers.commands import Payload
-from crtk_drivers.device import Capabilities, Condition, Reading, Sensor, Steps, StopPolicy
-from crtk_drivers.errors import ConnectionLost, DeviceFault
+from crtk_drivers.device import Capabilities, Condition, Reading, Sensor, StopPolicy
+from crtk_drivers.errors import ConnectionLost, CrtkError, DeviceFault
 from crtk_drivers.kit import FrameDecoder
 from crtk_drivers.kit.decoding import BadData
 from crtk_drivers.samples import Joy, Sample, Stamp, Twist, vector
@@ -180,18 +180,13 @@ class InputsDevice(Sensor):
             self._config.frame_id,
         )
 
+    @property
     @override
-    def enable(self) -> Steps:
-        """Rely on it from now on.
-
-        Raises:
-            DeviceFault: there is no mouse.
-        """
-        if not self._is_there:
-            raise DeviceFault(
-                NO_MOUSE, where=self._way.where, remedy="Plug it in, and enable again."
-            )
-        yield from ()
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        if self._is_there:
+            return ()
+        remedy = "Plug it in, and enable again."
+        return (DeviceFault(NO_MOUSE, where=self._way.where, remedy=remedy),)
 
     @property
     @override

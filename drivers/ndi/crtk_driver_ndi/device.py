@@ -26,7 +26,7 @@ from crtk_drivers.device import (
     Severity,
     Steps,
 )
-from crtk_drivers.errors import ConfigError, TransitionFailed
+from crtk_drivers.errors import ConfigError, CrtkError, TransitionFailed, raise_first
 from crtk_drivers.geometry.frames import relative
 from crtk_drivers.samples import Number, Pose, Poses, Sample, Stamp, vector
 
@@ -164,13 +164,9 @@ class NdiDevice(Sensor):
         Raises:
             TransitionFailed: it has no tool, or refuses.
         """
+        raise_first(self.obstacles)
         tracker, prepared = self._tracker, self._tracker.prepared
-        if prepared is None or not prepared.handles:
-            raise TransitionFailed(
-                "there is no tool to be tracked",
-                where=self.address,
-                remedy="Name tools in the configuration; 'crtk-driver ndi scan' shows those plugged in.",
-            )
+        assert prepared is not None
         tracker.condition = Condition()
         error = (yield from tracker.asking("TSTART:80")).error
         if error not in (None, WRONG_MODE):  # that: it tracks already
@@ -184,6 +180,16 @@ class NdiDevice(Sensor):
                 tracker.stream = FrameStream(family.rate, kind, parsers)
                 return
         raise self._refused("the question for frames", error)
+
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        prepared = self._tracker.prepared
+        if prepared is not None and prepared.handles:
+            return ()
+        remedy = "Name tools in the configuration; 'crtk-driver ndi scan' shows those plugged in."
+        text = "there is no tool to be tracked"
+        return (TransitionFailed(text, where=self.address, remedy=remedy),)
 
     @override
     def disable(self) -> Steps:

@@ -26,11 +26,10 @@ from crtk_drivers.device import (
     Sensor,
     Service,
     Severity,
-    Steps,
     StopPolicy,
 )
 from crtk_drivers.kit.device_behind import DeviceBehind
-from crtk_drivers.kit.sensing.load_monitor import LoadMonitor, rely_on
+from crtk_drivers.kit.sensing.load_monitor import LoadMonitor
 from crtk_drivers.kit.sensing.status_words import combined
 from crtk_drivers.samples import Sample, Stamp
 from crtk_drivers.state import OperatingState
@@ -138,15 +137,6 @@ class OptoForceDevice(Sensor):
         single = self._cells[0].values if not self._children else {}
         self.newest = Sample(stamp, single)
         return self.newest
-
-    @override
-    def enable(self) -> Steps:
-        """Rely on the measurements from now on.
-
-        Raises:
-            DeviceFault: the unit reports an error.
-        """
-        return rely_on(self.condition, self._link.where)
 
     @property
     @override

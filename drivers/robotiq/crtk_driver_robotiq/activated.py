@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 from typing_extensions import override
 
 from crtk_drivers.device import Answer, Steps
-from crtk_drivers.errors import TransitionFailed
+from crtk_drivers.errors import CrtkError, TransitionFailed
 from crtk_drivers.kit import until
-from crtk_drivers.kit.gripping import Hand, HandService, Weight, When, may_be_dropped
+from crtk_drivers.kit.gripping import Hand, HandService, Weight, When, not_made_ready
 
 __all__ = ["TURN", "ActivatedHand", "Turn"]
 
@@ -63,16 +63,24 @@ class ActivatedHand(Hand, Generic[CommandT]):
         return self._pending is None
 
     @override
-    def make_ready(self, *, may_hold: bool) -> Steps:
+    def obstacles(self, *, may_hold: bool) -> tuple[CrtkError, ...]:
         fault, policy = self.fault, self._policy
+        if policy == "always" or not self._must_be_activated:
+            return ()
+        what = "it is not activated" if fault is None else fault.text
+        return not_made_ready(
+            what, policy, "activate", may_hold=may_hold, where=self.where, verb="activate it"
+        )
+
+    @property
+    def _must_be_activated(self) -> bool:
+        fault = self.fault
         must_reset = fault is not None and fault.weight is Weight.RESET
-        needed = must_reset or self.unfit(enabled=False) is not None
-        if needed and policy != "always":
-            what = "it is not activated" if fault is None else fault.text
-            may_be_dropped(
-                what, policy, "activate", may_hold=may_hold, where=self.where, verb="activate it"
-            )
-        if needed or policy == "always":
+        return must_reset or self.unfit(enabled=False) is not None
+
+    @override
+    def make_ready(self) -> Steps:
+        if self._must_be_activated or self._policy == "always":
             yield from self._activate()
 
     def _activate(self) -> Steps:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -44,6 +44,7 @@ from crtk_drivers.errors import (
     ConnectionLost,
     CrtkError,
     TransitionFailed,
+    raise_first,
 )
 from crtk_drivers.recording import cdr
 from crtk_drivers.samples import JointState, Sample, Stamp, Twist, Value, vector
@@ -481,14 +482,24 @@ class Ros2ControlDevice(Device):
         Raises:
             TransitionFailed, DeviceFault: what is in the way.
         """
+        raise_first(self._of_rival())
+        yield from self._motion.enable()
+
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        if self._connection is None:
+            return ()
+        return (*self._of_rival(), *self._motion.obstacles())
+
+    def _of_rival(self) -> Iterator[TransitionFailed]:
         rival = self._rival()
         if rival:
-            raise TransitionFailed(
+            yield TransitionFailed(
                 rival,
                 where=self._config.joint_states,
                 remedy="Stop one of the two, or let it publish on another topic.",
             )
-        yield from self._motion.enable()
 
     @override
     def disable(self) -> Steps:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from typing import Final, Protocol
 
 import numpy as np
@@ -30,7 +30,14 @@ from crtk_driver_ros2_control.joint_states import Measured
 from crtk_driver_ros2_control.outgoing import POSITIONS, Outgoing
 from crtk_driver_ros2_control.supervision import Supervision
 from crtk_drivers.device import Condition, Goal, MoveProgress, Setpoint, Steps
-from crtk_drivers.errors import CrtkError, DeviceFault, MotionAborted, TransitionFailed
+from crtk_drivers.errors import (
+    CrtkError,
+    DeviceError,
+    DeviceFault,
+    MotionAborted,
+    TransitionFailed,
+    raise_first,
+)
 from crtk_drivers.samples import Vector, vector
 from crtk_drivers.state import OperatingState
 
@@ -382,24 +389,41 @@ class Motion:
         if self._config.on_disable == "hardware":
             yield from supervision.bring_hardware("inactive")
 
+    def obstacles(self) -> Iterator[DeviceError]:
+        """Yield what `enable` fails on now, by what the controller manager has listed last."""
+        supervision = self._connected
+        if supervision.components is not None:
+            yield from supervision.without_hardware(supervision.components)
+        listed = supervision.controllers
+        if listed is None:
+            return
+        missing = tuple(self._missing(supervision, listed))
+        yield from missing or self._of_activation(self._first_role(), listed)
+
+    def _of_activation(self, role: Role, listed: Mapping[str, Controller]) -> Iterator[DeviceError]:
+        """Yield why the controller of a role cannot have the joints."""
+        name = self._roles[role]
+        if listed[name].state not in ("active", "inactive"):
+            yield DeviceFault(
+                f"{name} is {listed[name].state}",
+                where=self._where,
+                remedy="Configure it: ros2 control set_controller_state, or the spawner.",
+            )
+        _, foreign = switch_to(name, listed, self._roles.values(), self._joints)
+        if foreign and not self._config.take_over:
+            yield TransitionFailed(
+                f"{', '.join(foreign)} has the joints",
+                where=self._where,
+                remedy="Deactivate it, or configure take_over.",
+            )
+
     def _activate(self, role: Role) -> Steps:
         """Make the controller of a role the one that has the joints, holding where they are."""
         supervision = self._connected
         name = self._roles[role]
         listed = yield from self._checked(supervision)
-        if listed[name].state not in ("active", "inactive"):
-            raise DeviceFault(
-                f"{name} is {listed[name].state}",
-                where=self._where,
-                remedy="Configure it: ros2 control set_controller_state, or the spawner.",
-            )
-        switch, foreign = switch_to(name, listed, self._roles.values(), self._joints)
-        if foreign and not self._config.take_over:
-            raise TransitionFailed(
-                f"{', '.join(foreign)} has the joints",
-                where=self._where,
-                remedy="Deactivate it, or configure take_over.",
-            )
+        raise_first(self._of_activation(role, listed))
+        switch, _ = switch_to(name, listed, self._roles.values(), self._joints)
         if not switch.is_empty:
             if role in FORWARD:
                 yield from self._prepare(role)
@@ -450,10 +474,15 @@ class Motion:
     def _checked(self, supervision: Supervision) -> Generator[None, None, Mapping[str, Controller]]:
         """Return the controllers, once all of ours are among them and suit their roles."""
         listed = yield from supervision.listed()
+        raise_first(self._missing(supervision, listed))
+        return listed
+
+    def _missing(
+        self, supervision: Supervision, listed: Mapping[str, Controller]
+    ) -> Iterator[DeviceError]:
         wrong = supervision.check(listed)
         if wrong:
-            raise DeviceFault(wrong, where=self._where, remedy="Load it again, then enable.")
-        return listed
+            yield DeviceFault(wrong, where=self._where, remedy="Load it again, then enable.")
 
     def _seen_active(self, supervision: Supervision, name: str) -> Steps:
         """Believe a switch when the list shows it."""

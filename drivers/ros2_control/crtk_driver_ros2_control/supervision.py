@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Any, Final, Protocol, TypeVar
 
 from crtk_driver_ros2_control.asking import Asked, Told
@@ -21,7 +21,7 @@ from crtk_driver_ros2_control.controllers import (
 )
 from crtk_driver_ros2_control.foreign import messages
 from crtk_drivers.device import Steps
-from crtk_drivers.errors import DeviceFault, TransitionFailed
+from crtk_drivers.errors import DeviceFault, TransitionFailed, raise_first
 
 LOOK: Final = 0.2
 """Seconds between two looks at controllers and hardware."""
@@ -334,16 +334,17 @@ class Supervision:
         components = asked.answer
         assert components is not None
         self._take_components(asked)
-        self._need(components)
+        raise_first(self.without_hardware(components))
         for name in self._hardware:
             if components[name].state != state:
                 yield from self._bring(name, state)
         self._take_components((yield from self._answered(self._ask_components)))
 
-    def _need(self, components: Mapping[str, Component]) -> None:
+    def without_hardware(self, components: Mapping[str, Component]) -> Iterator[TransitionFailed]:
+        """Yield which hardware components are not among these."""
         missing = [name for name in self._hardware if name not in components]
         if missing:
-            raise TransitionFailed(
+            yield TransitionFailed(
                 f"there is no hardware component {', '.join(missing)}",
                 where=self._manager,
                 remedy=f"There are: {', '.join(components) or 'none'}.",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections.abc import Iterator
 from typing import Final
 
 from crtk_driver_ur.calibration import NOMINAL, CalibratedKinematics, Calibration, displacements
@@ -14,6 +15,7 @@ from crtk_driver_ur.kinematics import ArmKinematics
 from crtk_driver_ur.models import JOINT_NAMES, RobotModel
 from crtk_driver_ur.primary import JointLimits, read_robot_info
 from crtk_driver_ur.rtde.state_sample import StateSample
+from crtk_driver_ur.safety import RobotMode
 from crtk_driver_ur.samples import SampleMaker
 from crtk_drivers.device import Note, Severity
 from crtk_drivers.errors import DeviceError, TransitionFailed
@@ -59,6 +61,7 @@ class ArmGeometry:
         self.kinematics = self._with(self._tool or IDENTITY)
         self.samples = SampleMaker(self._tool)
         self.note: Note | None = None
+        self._told_misfits: tuple[TransitionFailed, ...] = ()
         self.limit_notes: tuple[Note, ...] = ()
         self.arm = model
 
@@ -84,13 +87,14 @@ class ArmGeometry:
 
     # The links
 
-    def check_model(self, state: StateSample | None) -> None:
-        """Compare where the controller and the configured arm have the tool.
+    def misfits(self, state: StateSample | None) -> Iterator[TransitionFailed]:
+        """Yield why the arm that is connected cannot be the configured one.
 
-        Raises:
-            TransitionFailed: they are far apart.
+        Args:
+            state: the newest. Only while the arm has power, it says where the tool is.
         """
-        if state is None or state.tcp_offset is None:
+        yield from self._told_misfits
+        if state is None or state.tcp_offset is None or state.robot_mode < RobotMode.IDLE:
             return
         # What the controller tells of itself fits it always: the model must, or the configured table.
         tool = Transform.from_pose_vector(state.tcp_offset)
@@ -99,18 +103,24 @@ class ArmGeometry:
         expected = kinematics.place(state.actual_q).position
         distance = math.dist(expected, state.actual_TCP_pose[:3])
         if distance > MODEL_TOLERANCE:
-            raise TransitionFailed(
-                f"this is no {self._model.name}: the controller has the tool {distance:.3f} m from "
-                f"where that {'calibration' if given else 'model'} has it",
-                where=self._where,
-                remedy="Set `model` to the arm that is connected"
-                + (", and `calibration` to its own." if given else "."),
+            yield self._stranger(
+                f"the controller has the tool {distance:.3f} m from where that "
+                f"{'calibration' if given else 'model'} has it"
             )
+
+    def _stranger(self, why: str) -> TransitionFailed:
+        given = isinstance(self._config.calibration, Calibration)
+        return TransitionFailed(
+            f"this is no {self._model.name}: {why}",
+            where=self._where,
+            remedy="Set `model` to the arm that is connected"
+            + (", and `calibration` to its own." if given else "."),
+        )
 
     def learn_calibration(self, deadline: float) -> None:
         """Ask the controller for its calibration: compute with it, or compare it with the configured one."""
         configured = self._config.calibration
-        self.note = None
+        self.note, self._told_misfits = None, ()
         self.limit_notes, self.arm = (), self._model
         try:
             now = time.monotonic()
@@ -121,6 +131,7 @@ class ArmGeometry:
             return
         self._learn_limits(told.limits)
         found = told.calibration
+        self._compare(found)
         if configured == "nominal":
             return
         if not isinstance(configured, Calibration):
@@ -130,6 +141,13 @@ class ArmGeometry:
                 "the controller has another one than is configured. Make it anew with "
                 "`crtk-driver ur info --output`, or leave it out."
             )
+
+    def _compare(self, found: Calibration | None) -> None:
+        """Compare the links of the controller's arm with those of the model; they are known without power."""
+        away = 0.0 if found is None else max(displacements(self._model, found))
+        if away > MODEL_TOLERANCE:
+            why = f"the links of the controller's arm place a tool up to {away:.3f} m elsewhere"
+            self._told_misfits = (self._stranger(why),)
 
     def _learn_limits(self, told: JointLimits | None) -> None:
         """Keep the control program within the controller's own limits, and say where these are narrower."""
@@ -178,7 +196,7 @@ class ArmGeometry:
         self._use(None)
         away = 0.0 if found is None else max(displacements(self._model, found))
         if away > MODEL_TOLERANCE:
-            self._warn(f"the controller's is none of a {self._model.name}, and not used")
+            self._warn(f"the controller's does not fit a {self._model.name}: check `model`")
         elif away > NOMINAL:
             self._use(found)
             text = (

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pkgutil import resolve_name
 from types import MappingProxyType
@@ -37,6 +37,7 @@ from crtk_driver_ur.safety import (
     PAUSED_PROGRAM,
     PROGRAM_PAUSED,
     STANDING_PROGRAM,
+    SafetyMode,
     found_in,
     stood,
 )
@@ -63,10 +64,12 @@ from crtk_drivers.errors import (
     CommandRefused,
     ConnectionFailed,
     ConnectionLost,
+    CrtkError,
     DeviceError,
     MotionAborted,
     Reason,
     TransitionFailed,
+    raise_first,
 )
 from crtk_drivers.geometry.quaternions import rotvec_from_pose
 from crtk_drivers.samples import Sample
@@ -522,6 +525,20 @@ class UrDevice(Device):
 
     # ------------------------------------------------------------------------------------- transitions
 
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        if self._in_control or self._robot.state is None:
+            return ()
+        unlocks = self._config.enable_unlocks and self._robot.safety == SafetyMode.PROTECTIVE_STOP
+        may_run = self._has_program or self._link.left_program
+        return (
+            *(() if unlocks else self._robot.obstacles("enable")),
+            *self._geometry.misfits(self._robot.state),
+            *(() if may_run else self._other_program("enable")),
+            *self._old_states("enable"),
+        )
+
     @override
     def enable(self) -> Steps:
         """Power on, release the brakes, start the control program; unlock a protective stop if configured."""
@@ -529,9 +546,10 @@ class UrDevice(Device):
             yield from self._begin("enable")
             if self._config.enable_unlocks:
                 yield from self._robot.unlock()
-            self._require_free("enable")
+            raise_first(self._robot.obstacles("enable"))
+            raise_first(self._geometry.misfits(self._robot.state))
             yield from self._robot.release_brakes()
-            self._geometry.check_model(self._robot.state)
+            raise_first(self._geometry.misfits(self._robot.state))
             yield from self._start_program("enable")
 
     @override
@@ -539,7 +557,7 @@ class UrDevice(Device):
         """Take control again; the setpoint starts from where the arm is now."""
         with self._robot.claimed():
             yield from self._begin("resume")
-            self._require_free("resume")
+            raise_first(self._robot.obstacles("resume"))
             yield from self._start_program("resume")
 
     @override
@@ -590,13 +608,7 @@ class UrDevice(Device):
                 where=f"ur {self.address}",
                 remedy="Look at the teach pendant, then send it again.",
             )
-        if self._late:
-            raise TransitionFailed(
-                f"{command}: {_states_late(self._late)}",
-                where=f"ur {self.address}",
-                remedy="Look at the network: something between holds packages back (a gateway, Wi-Fi, a "
-                "busy switch).",
-            )
+        raise_first(self._old_states(command))
         self._link.program_runs = self._in_control = True
         self._why_stopped = _PROGRAM_STOPPED
 
@@ -606,8 +618,12 @@ class UrDevice(Device):
         if self._robot.playing and self._link.left_program:
             yield from self._link.end_left_program()
             yield from self._robot.until(lambda: not self._robot.playing, OTHER_PROGRAM_TIMEOUT)
+        raise_first(self._other_program(command))
+
+    def _other_program(self, command: str) -> Iterator[CommandRefused]:
+        """Yield that the controller runs a program which is not ours, and which we may not end."""
         if self._robot.playing:
-            raise CommandRefused(
+            yield CommandRefused(
                 "state_command",
                 Reason.LOCAL_CONTROL,
                 f"{command}: the controller is running another program",
@@ -615,22 +631,20 @@ class UrDevice(Device):
                 remedy="Stop that program, then send it again.",
             )
 
+    def _old_states(self, command: str) -> Iterator[TransitionFailed]:
+        """Yield that states of the controller come too late to be acted on."""
+        if self._late:
+            yield TransitionFailed(
+                f"{command}: {_states_late(self._late)}",
+                where=f"ur {self.address}",
+                remedy="Look at the network: something between holds packages back (a gateway, Wi-Fi, a "
+                "busy switch).",
+            )
+
     def _configure(self) -> Steps:
         """Tell the control program what it does not keep."""
         for name, arguments in self._settings.requests():
             yield from self._link.ask(name, **arguments)
-
-    def _require_free(self, command: str) -> None:
-        """Refuse while a guard is open or somebody holds the arm; fail while it must be attended to."""
-        self._robot.require_safe()
-        found = self._robot.condition
-        if found.allows is OperatingState.PAUSED:
-            raise CommandRefused(
-                "state_command",
-                Reason.LOCAL_CONTROL,
-                f"{command}: {found.reason}",
-                where=f"ur {self.address}",
-            )
 
 
 def _states_late(late: float) -> str:

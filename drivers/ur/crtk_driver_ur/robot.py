@@ -18,7 +18,7 @@ from crtk_driver_ur.safety import (
     condition_of,
 )
 from crtk_drivers.device import Condition, Steps
-from crtk_drivers.errors import CommandRefused, CrtkError, DeviceFault, Reason
+from crtk_drivers.errors import CommandRefused, CrtkError, DeviceFault, Reason, raise_first
 from crtk_drivers.state import OperatingState
 
 __all__ = ["Robot"]
@@ -26,6 +26,9 @@ __all__ = ["Robot"]
 UNLOCK_AFTER = 5.1
 """Seconds on the controller's clock that a protective stop lasts before it is unlocked: the controller
 refuses before 5 s (Dashboard Server manual)."""
+
+WAITING = frozenset({RobotMode.CONFIRM_SAFETY, RobotMode.UPDATING_FIRMWARE})
+"""Robot modes in which the arm takes no power before somebody has done something."""
 
 POWER_BEGINS = 10.0
 """Seconds in which an arm that was told to come up shows another robot mode."""
@@ -129,9 +132,29 @@ class Robot:
 
     def require_safe(self) -> None:
         """Raise DeviceFault while something must be attended to."""
+        raise_first(self._unsafe())
+
+    def _unsafe(self) -> Iterator[DeviceFault]:
         found = self.condition
         if found.allows is OperatingState.FAULT:
-            raise DeviceFault(found.reason, where=self._where)
+            yield DeviceFault(found.reason, where=self._where)
+
+    def obstacles(self, command: str) -> Iterator[CrtkError]:
+        """Yield why `command` cannot have control: a stop, a question at the pendant, somebody who has it."""
+        yield from self._unsafe()
+        if self._needs_remote and self._link.remote is False:
+            yield self._local_control("state_command", f"{command}: ")
+            return
+        found = self.condition
+        if self.mode in WAITING:
+            yield DeviceFault(found.reason, where=self._where)
+        if found.allows is OperatingState.PAUSED:
+            yield CommandRefused(
+                "state_command",
+                Reason.LOCAL_CONTROL,
+                f"{command}: {found.reason}",
+                where=self._where,
+            )
 
     def require_hands_off(self, command: str) -> None:
         """Refuse `command` while our control program runs or is about to. From any thread."""
@@ -151,14 +174,17 @@ class Robot:
         remote = yield from self._link.ask("is_in_remote_control")
         self._link.control_is(bool(remote))
         if not remote:
-            raise CommandRefused(
-                command,
-                Reason.LOCAL_CONTROL,
-                f"{detail}the teach pendant has control",
-                where=self._where,
-                remedy="Switch it to remote control (top right corner), then send it again; a controller "
-                "that obeys without (UR's simulator) needs require_remote_control: false.",
-            )
+            raise self._local_control(command, detail)
+
+    def _local_control(self, command: str, detail: str) -> CommandRefused:
+        return CommandRefused(
+            command,
+            Reason.LOCAL_CONTROL,
+            f"{detail}the teach pendant has control",
+            where=self._where,
+            remedy="Switch it to remote control (top right corner), then send it again; a controller "
+            "that obeys without (UR's simulator) needs require_remote_control: false.",
+        )
 
     def unlock(self) -> Steps:
         """Leave a protective stop, not before the controller allows it; nothing if there is none."""

@@ -27,7 +27,7 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import DeviceError, DeviceFault, TransitionFailed
+from crtk_drivers.errors import CrtkError, DeviceError, DeviceFault, TransitionFailed
 from crtk_drivers.kit import until
 from crtk_drivers.kit.gripping import (
     Adjustable,
@@ -39,7 +39,7 @@ from crtk_drivers.kit.gripping import (
     Measured,
     Weight,
     When,
-    may_be_dropped,
+    not_made_ready,
 )
 from crtk_drivers.samples import Number, Stamp, Value
 from crtk_drivers.state import OperatingState
@@ -293,25 +293,32 @@ class WsgHand(Hand):
         self._move = self._foreign = None
 
     @override
-    def make_ready(self, *, may_hold: bool) -> Steps:
-        policy = self._config.home
-        if self._link.is_stopped_fast or self._link.grasping is Grasping.ERROR:
+    def obstacles(self, *, may_hold: bool) -> tuple[CrtkError, ...]:
+        fault, policy = self._link.fault, self._config.home
+        if fault is not None and not self._must_acknowledge:
+            return (DeviceFault(fault[0], where=self.where, remedy=fault[1]),)
+        is_referenced = bool(self._link.flags & Flag.REFERENCED)
+        if is_referenced and policy != "always":
+            return ()
+        return not_made_ready(
+            _ALWAYS if is_referenced else STATUS[Status.NOT_REFERENCED][0],
+            policy,
+            "reference",
+            may_hold=may_hold,
+            where=self.where,
+            verb="find its reference",
+        )
+
+    @override
+    def make_ready(self) -> Steps:
+        if self._must_acknowledge:
             yield from self._do(Order(Command.ACKNOWLEDGE))
             yield from until(self._has_acknowledged, TURN)
         if fault := self._link.fault:
             raise DeviceFault(fault[0], where=self.where, remedy=fault[1])
         if self._link.is_stopped_fast:
             raise self._failed("it does not leave its fast stop", "Look at its web page.")
-        is_referenced = bool(self._link.flags & Flag.REFERENCED)
-        if policy == "always" or not is_referenced:
-            may_be_dropped(
-                _ALWAYS if is_referenced else STATUS[Status.NOT_REFERENCED][0],
-                policy,
-                "reference",
-                may_hold=may_hold,
-                where=self.where,
-                verb="find its reference",
-            )
+        if self._config.home == "always" or not self._link.flags & Flag.REFERENCED:
             yield from self._find_reference()
 
     @override
@@ -322,6 +329,10 @@ class WsgHand(Hand):
             yield from self._do(Order(Command.SET_ACCELERATION, (config.acceleration,)))
         if config.soft_limits is not None:
             yield from self._do(Order(Command.SET_SOFT_LIMITS, config.soft_limits))
+
+    @property
+    def _must_acknowledge(self) -> bool:
+        return self._link.is_stopped_fast or self._link.grasping is Grasping.ERROR
 
     def _has_acknowledged(self) -> bool:
         """Whether it has left its fast stop, or tells a fault for which it does not."""

@@ -175,7 +175,7 @@ def test_a_calibration_that_is_not_told_or_of_another_model_is_a_warning():
         with driver_at(sim, {"model": "ur5e"}) as bench:
             severity, text = notes(bench)["calibration"]
             assert severity == Severity.WARNING
-            assert "none of a ur5e" in text
+            assert "does not fit a ur5e" in text
             with pytest.raises(TransitionFailed, match="this is no ur5e"):
                 bench.arm.enable(timeout=LONG)
 

@@ -26,10 +26,9 @@ from crtk_drivers.device import (
     Sensor,
     Service,
     Severity,
-    Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import DeviceFault
+from crtk_drivers.errors import CrtkError, DeviceFault
 from crtk_drivers.kit.software_bias import SoftwareBias
 from crtk_drivers.samples import Sample, Stamp, Wrench, vector
 from crtk_drivers.state import OperatingState
@@ -137,20 +136,13 @@ class Ft300Device(Sensor):
         if share > self._config.alarm:
             self._over = f"{AXES[worst]} bears {share:.0%} of its rated load", now + LATCH
 
+    @property
     @override
-    def enable(self) -> Steps:
-        """Rely on the measurements from now on.
-
-        Raises:
-            DeviceFault: it is frozen.
-        """
-        if self._is_frozen:
-            raise DeviceFault(
-                self.condition.reason,
-                where=self._link.where,
-                remedy="Take its power away and give it back, and enable again.",
-            )
-        yield from ()
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        if not self._is_frozen:
+            return ()
+        remedy = "Take its power away and give it back, and enable again."
+        return (DeviceFault(self.condition.reason, where=self._link.where, remedy=remedy),)
 
     @property
     @override

@@ -32,7 +32,7 @@ from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.kit import until
 from crtk_drivers.kit.clock_fit import WallClock
 from crtk_drivers.kit.sensing.filters import Filter, LowPass, Mean
-from crtk_drivers.kit.sensing.load_monitor import LoadMonitor, rely_on
+from crtk_drivers.kit.sensing.load_monitor import LoadMonitor
 from crtk_drivers.kit.software_bias import SoftwareBias, load_text
 from crtk_drivers.samples import Array, Sample, Stamp, Wrench
 from crtk_drivers.state import OperatingState
@@ -150,15 +150,6 @@ class FtsDevice(Sensor):
     def _wrench(self, load: Array) -> Wrench:
         load.setflags(write=False)
         return Wrench(load[:3], load[3:], self._config.frame_id)
-
-    @override
-    def enable(self) -> Steps:
-        """Rely on the measurements from now on.
-
-        Raises:
-            DeviceFault: the sensor reports an error.
-        """
-        return rely_on(self.condition, self.address)
 
     @property
     @override

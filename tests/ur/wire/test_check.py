@@ -1,0 +1,46 @@
+"""``crtk-driver check ur``: what would refuse `enable` is found before, at the simulated controller."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from crtk_drivers.cli import main
+from crtk_sim_backends.ur import SIM
+
+PATIENT = ["--sample-timeout", "10", "--open-timeout", "60"]
+"""A busy machine is no fault."""
+
+CASES = {
+    "another model": ({"model": "ur10e"}, ["this is no ur5e", "Set `model` to the arm"]),
+    "another model, without power": (
+        {"model": "ur10e", "powered_on": False},
+        ["this is no ur5e", "the links of the controller's arm"],
+    ),
+    "local control": ({"remote": False}, ["the teach pendant has control", "remote control"]),
+}
+
+
+@pytest.mark.parametrize(("options", "words"), CASES.values(), ids=CASES)
+def test_check_says_what_would_refuse_enable(
+    capsys: pytest.CaptureFixture[str], options: Mapping[str, Any], words: list[str]
+) -> None:
+    with SIM.spawn(**options) as sim:
+        assert main(["check", "ur", "--host", sim.host, "--model", "ur5e", *PATIENT]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"enable +failed", text)
+    for each in words:
+        assert each in text
+    assert "not ready: " in text
+
+
+def test_check_says_it_once_where_the_state_is_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    with SIM.spawn() as sim:
+        sim.control.inject("emergency_stop")
+        assert main(["check", "ur", "--host", sim.host, *PATIENT]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert text.count("emergency stop on the teach pendant") == 1
+    assert "not ready: 1 of" in text
