@@ -129,6 +129,15 @@ def _move(
         bool, typer.Option("--relative", help="The values are added to where it is.")
     ] = False,
     degrees: Annotated[bool, typer.Option("--degrees", help="Joint values are degrees.")] = False,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            "--speed",
+            metavar="SHARE",
+            help="Share of the device's speed and acceleration for this move: 0.1 is a tenth.",
+            show_default=False,
+        ),
+    ] = None,
     child: Child = "",
     timeout: Timeout = FIND_TIMEOUT,
 ) -> None:
@@ -138,12 +147,13 @@ def _move(
 
         crtk-driver move /ur5 0.3 -1.3 1.4 -1.6 -1.57 0
         crtk-driver move /ur5 --degrees wrist_3_joint=90
-        crtk-driver move /ur5 --pose --relative 0 0 0.05
+        crtk-driver move /ur5 --speed 0.1 --pose --relative 0 0 0.05
     """
     from crtk_drivers.cli.move_command import move
 
     with reached(namespace, timeout, child) as device:
-        raise typer.Exit(move(device, values, pose=pose, relative=relative, degrees=degrees))
+        code = move(device, values, pose=pose, relative=relative, degrees=degrees, speed=speed)
+        raise typer.Exit(code)
 
 
 @app.command("echo", cls=HelpfulCommand)

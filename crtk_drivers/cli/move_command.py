@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +30,8 @@ from crtk_drivers.samples import JointState, Pose, vector
 from crtk_drivers.state import OperatingState
 
 LOOK_PERIOD = 0.1
+POLL = 0.01
+_RATIOS = "trajectory_j"
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,13 @@ class Goal:
 
 
 def move(
-    device: RemoteDevice, values: Sequence[str], *, pose: bool, relative: bool, degrees: bool
+    device: RemoteDevice,
+    values: Sequence[str],
+    *,
+    pose: bool,
+    relative: bool,
+    degrees: bool,
+    speed: float | None = None,
 ) -> int:
     """Move, show the progress on a terminal, print where it ended, and return 0.
 
@@ -51,6 +60,7 @@ def move(
         pose: they are x y z, and a quaternion x y z w if the tool shall turn.
         relative: they are added to the setpoint.
         degrees: joint values are degrees.
+        speed: share of the limits of velocity and acceleration for this move; None: as the device has it.
 
     Raises:
         CommandRefused: the device is not enabled, or does not accept this.
@@ -62,7 +72,8 @@ def move(
     _require_enabled(device)
     goal = (_pose_goal if pose else _joint_goal)(device, values, relative, degrees)
     try:
-        _go(device, goal)
+        with _at_speed(device, speed):
+            _go(device, goal)
     except CommandRefused as refusal:
         if refusal.reason is not Reason.OUT_OF_RANGE or pose or degrees:
             raise
@@ -75,6 +86,47 @@ def move(
         ) from refusal
     print_position(device)
     return 0
+
+
+@contextmanager
+def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[None]:
+    """Within, moves of the device take this share of its limits; then as before.
+
+    The share and the goal go over two topics, and the goal may come first: it is sent once the device has
+    reported the share.
+
+    Raises:
+        ConfigError: the device knows no such share.
+        DataTimeout: it does not report that it has taken the share.
+    """
+    if speed is None:
+        yield
+        return
+    if not 0.0 < speed <= 1.0:
+        raise ConfigError(
+            f"{speed:g} is no share of its speed",
+            where=f"{device.namespace} --speed",
+            remedy="Give a number above 0, up to 1: 0.1 is a tenth.",
+        )
+    for each in ("set_ratio", "set_ratio_v", "set_ratio_a", "ratio_v", "ratio_a"):
+        need(device, f"{_RATIOS}/{each}")
+    ratios = device.trajectory_j
+    before = ratios.ratio_v(), ratios.ratio_a()
+    try:
+        ratios.set_ratio(speed)
+        deadline = time.monotonic() + START_TIMEOUT
+        while (ratios.ratio_v(), ratios.ratio_a()) != (speed, speed):
+            if time.monotonic() > deadline:
+                raise DataTimeout(
+                    f"did not report within {START_TIMEOUT:g} s that moves take {speed:g} of its speed",
+                    where=device.namespace,
+                    remedy="Nothing was moved. Does another client set it, too?",
+                )
+            time.sleep(POLL)
+        yield
+    finally:
+        ratios.set_ratio_v(before[0])
+        ratios.set_ratio_a(before[1])
 
 
 def _go(device: RemoteDevice, goal: Goal) -> None:

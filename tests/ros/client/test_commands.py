@@ -210,9 +210,43 @@ def test_moves(far: Far, run: Run) -> None:
     arrives([0.0, 0.0, 0.0, 0.0], "--pose", "0", "0", "0", "0", "0", "0", "1")
 
 
+def test_a_slow_move_is_slow_and_the_next_is_not(far: Far, run: Run) -> None:
+    far.arm.enable()
+    ratios = far.arm.trajectory_j
+    ratios.set_ratio_a(0.5)
+    eventually(lambda: ratios.ratio_a() == 0.5, "it was so before")
+    distance, share = 0.05, 0.1
+    least = distance / (share * far.engine.capabilities.limits[0].velocity)
+    code, out, _ = run("move", NAMESPACE, "--speed", f"{share}", str(distance), "0", "0", "0")
+    assert code == 0
+    assert float(out.split()[2]) >= least - 0.05, "it is shown in tenths of a second"
+    eventually(lambda: (ratios.ratio_v(), ratios.ratio_a()) == (1.0, 0.5), "it is as before")
+    ratios.set_ratio(1.0)
+
+
+def test_a_share_of_speed_that_is_not_taken_moves_nothing(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(move_command, "START_TIMEOUT", 0.2)
+    submit = far.engine.submit
+
+    def without_shares(name: str, *rest: object, **more: object) -> None:
+        if name != "trajectory_j/set_ratio":
+            submit(name, *rest, **more)
+
+    monkeypatch.setattr(far.engine, "submit", without_shares)
+    far.arm.enable()
+    code, _, err = run("move", NAMESPACE, "--speed", "0.1", "0.1", "0", "0", "0")
+    assert code == 1
+    assert "did not report" in err
+    assert np.allclose(far.arm.measured_jp(), 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
+        (["0.1", "0", "0", "0", "--speed", "0"], 2, "--speed"),
+        (["0.1", "0", "0", "0", "--speed", "nan"], 2, "--speed"),
         (["0.1", "0.2"], 2, "2 values for 4 joints"),
         (["0.1"], 2, "1 value for 4 joints"),
         (["17", "0", "0", "0"], 1, "Values are in rad or m; --degrees takes degrees."),
