@@ -68,7 +68,7 @@ def print_device(device: RemoteDevice) -> int:
         following = "wait, then crtk-driver state {0}"
     else:
         OUT.print(status_words(status))
-        if report.text not in ("", status.state):
+        if report.text not in ("", *OperatingState):  # one of a moment before says no reason
             style = STATE_STYLES[status.state] if status.state in _TROUBLE else ""
             OUT.print(Text("reason: ").append(worded(report.text), style), soft_wrap=True)
     OUT.print(
