@@ -1,4 +1,4 @@
-"""The table of faults F1 to F20 by every driver at its simulator: met, judged, measured.
+"""The table of faults F1 to F20 by each driver that has a rig, at its simulator: met, judged, measured.
 
 Runs every way in which a driver meets a fault in everything that its arm can do; with --part, what CI runs.
 Prints each cell and a summary; with --write the sections of docs/reliability.md of the drivers that were run.

@@ -18,10 +18,11 @@ PAGE: Final = Path(__file__).parents[2] / "docs" / "reliability.md"
 
 INTRODUCTION: Final = f"""# Reliability
 
-Twenty faults, by every driver at its simulator, over the wire that the hardware has. This page is written
-by `python -m bench.faults --write` and by nothing else. `tests/all_devices/test_matrix.py` runs a part of the
-same table in CI (each way in which a driver meets a fault, and each activity); the command runs all of it:
-at rest, in each kind of stream and of move.
+Twenty faults, met by the drivers of [the matrix](#the-matrix) at their simulators, over the wire that the
+hardware has. Five drivers are [outside the matrix](#drivers-outside-the-matrix), which names the tests of
+their faults. This page is written by `python -m bench.faults --write` and by nothing else.
+`tests/all_devices/test_matrix.py` runs a part of the same table in CI (each way in which a driver meets
+a fault, and each activity); the command runs all of it: at rest, in each kind of stream and of move.
 
 In each cell the state and its reason are announced, and the joints come to stand, within the declared
 times and {SLACK:g} s more, which a busy machine may take: later, and the cell has failed. What was measured
@@ -33,6 +34,15 @@ What is measured here is a simulator with the decelerations of its model, and dr
 for a busy machine (longer timeouts than their defaults). It says how soon the driver, and the watchdog of
 the hardware, act; it does not say how far your arm coasts.
 """
+
+OUTSIDE: Final[Mapping[str, str]] = {
+    "onrobot": "tests/onrobot/faults",
+    "robotiq-epick": "tests/robotiq/wire/test_epick.py",
+    "schunk": "tests/schunk/faults",
+    "schunk-fts": "tests/schunk/wire/test_fts.py",
+    "weiss-wsg": "tests/weiss_wsg/faults",
+}
+"""Drivers without a rig: where faults are injected into their simulators instead."""
 
 MATRIX: Final = "## The matrix"
 _COLUMNS = (
@@ -78,6 +88,14 @@ def matrix() -> str:
     lines += [
         f"- **{name}**: " + "; ".join(f"{absent.fault} ({absent.why})" for absent in rig.absent)
         for name, rig in RIGS.items()
+    ]
+    lines += [
+        "",
+        "### Drivers outside the matrix",
+        "",
+        "Tests of their own inject faults into their simulators. No times were measured for this page.",
+        "",
+        *(f"- **{name}**: `{tests}`" for name, tests in OUTSIDE.items()),
     ]
     lines += ["", "### Cells that still fail", "", *_pending()]
     return "\n".join(lines)

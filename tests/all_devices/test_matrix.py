@@ -1,4 +1,4 @@
-"""The table of faults (F1 to F20), by every driver at its simulator: a covering part of it.
+"""The table of faults (F1 to F20), by each driver that has a rig, at its simulator: a covering part of it.
 
 Each way in which a driver meets a fault is met once, the first of them in everything that the arm can do.
 `python -m bench.faults` runs the whole product, measures, and writes docs/reliability.md.
@@ -6,7 +6,9 @@ Each way in which a driver meets a fault is met once, the first of them in every
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -87,3 +89,13 @@ def test_the_page_has_the_matrix_of_the_table() -> None:
         rows = written[f"## {rig.name}"].splitlines()
         for way in rig.ways:
             assert any(row.startswith(f"| {way.fault} | {way.name} |") for row in rows), way.name
+
+
+def test_every_driver_is_in_the_matrix_or_named_outside() -> None:
+    root = Path(__file__).parents[2]
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    drivers = set(project["entry-points"]["crtk_drivers.devices"])
+    inside = {rig.plugin.name for rig in RIGS.values()}
+    assert inside | set(page.OUTSIDE) == drivers
+    assert not inside & set(page.OUTSIDE)
+    assert all((root / tests).exists() for tests in page.OUTSIDE.values())
