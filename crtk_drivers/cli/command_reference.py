@@ -2,8 +2,8 @@
 
 A page holds them between ``<!-- commands of ur -->`` and ``<!-- end -->``.
 
-python -m crtk_drivers.cli.command_reference README.md            # writes the tables of these pages
-python -m crtk_drivers.cli.command_reference --check README.md    # 1 if one is out of date
+python -m crtk_drivers.cli.command_reference docs/ur.md            # writes the tables of these pages
+python -m crtk_drivers.cli.command_reference --check docs/ur.md    # 1 if one is out of date
 """
 
 from __future__ import annotations
