@@ -12,6 +12,7 @@ from rich.table import Table
 from crtk_drivers import plugins
 from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.list_command import list_simulators
+from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import ERR, plain, sentence
 from crtk_drivers.cli.typed_options import given_settings, make_command, setting_options
@@ -46,6 +47,7 @@ def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
         ConnectionFailed: it did not start.
         ConnectionLost: it ended by itself.
     """
+    set_up_logging(ERR, "info", LogFormat.TEXT)
     with stop_signals() as stopped:
         running = start_sim(plugin, given_settings(plugin.Config, given))
         try:

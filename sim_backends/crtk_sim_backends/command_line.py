@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from crtk_sim_backends.child_log import FORMAT
 from crtk_sim_backends.process import Readiness
 
 
@@ -74,7 +75,7 @@ def parse(
     chosen = vars(parser(program, summary, config).parse_args(arguments))
     readiness = Readiness(chosen.pop("ready_fd"), chosen.pop("parent_fd"))
     level = logging.INFO if chosen.pop("verbose") else logging.WARNING
-    logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
+    logging.basicConfig(level=level, format=FORMAT)
     return chosen, readiness
 
 

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self, TypeVar
 
+from crtk_sim_backends.child_log import ChildLog
 from crtk_sim_backends.control import ControlClient
 
 AUTO: Final = "auto"
@@ -188,6 +189,7 @@ class RunningSim:
         self,
         process: subprocess.Popen[bytes],
         life: int,
+        said: ChildLog,
         host: str,
         ports: Mapping[str, int],
         ttys: Mapping[str, str],
@@ -196,6 +198,7 @@ class RunningSim:
     ) -> None:
         self._process = process
         self._life = life
+        self._said = said
         self._control: ControlClient | None = None
         self._connecting = threading.Lock()
         self.host = host
@@ -254,6 +257,7 @@ class RunningSim:
         except subprocess.TimeoutExpired:
             self._process.kill()
             code = self._process.wait(_KILLED_WITHIN)
+        self._said.join()
         if self._life >= 0:
             os.close(self._life)
             self._life = -1
@@ -275,27 +279,42 @@ class RunningSim:
 
 
 def spawn(
-    module: str, arguments: Sequence[str], timeout: float = 60.0, pass_fds: Sequence[int] = ()
+    module: str,
+    arguments: Sequence[str],
+    timeout: float = 60.0,
+    pass_fds: Sequence[int] = (),
+    called: str = "",
 ) -> RunningSim:
     """Start the simulator `module` (``python -m module``) and wait until its ports are bound.
 
     The process finds the same packages as this one, has the files `pass_fds`, and ends when this one dies.
+    What it writes to standard error is logged here.
+
+    Args:
+        module: that is run.
+        arguments: of its command line.
+        timeout: seconds in which it is ready.
+        pass_fds: files that it has, too.
+        called: what stands before its log records; the module if left out.
 
     Raises:
         SimStartError: with the reason that the child gave, or when it said nothing in `timeout`.
     """
     ready_read, ready_write = os.pipe()
     life_read, life_write = os.pipe()
+    errors_read, errors_write = os.pipe()
     pipes = ["--ready-fd", str(ready_write), "--parent-fd", str(life_read)]
+    files = (ready_write, life_read, *pass_fds)
     try:
-        process = _start(module, [*arguments, *pipes], (ready_write, life_read, *pass_fds))
+        process = _start(module, [*arguments, *pipes], files, errors_write)
     except OSError as error:
-        os.close(ready_read)
-        os.close(life_write)
+        for ours in (ready_read, life_write, errors_read):
+            os.close(ours)
         raise SimStartError(f"cannot start {sys.executable}: {error}") from error
     finally:
-        os.close(ready_write)
-        os.close(life_read)
+        for theirs in (ready_write, life_read, errors_write):
+            os.close(theirs)
+    said = ChildLog(called or module, errors_read)
     try:
         answer = _read_answer(ready_read, timeout)
     finally:
@@ -304,6 +323,7 @@ def spawn(
         return RunningSim(
             process,
             life_write,
+            said,
             answer["host"],
             answer["ports"],
             answer.get("ttys", {}),
@@ -313,22 +333,24 @@ def spawn(
     if answer.get("timeout"):
         process.kill()
     code = process.wait()
+    said.join()
     os.close(life_write)
     reason = answer.get("error") or (
         f"{module} was not ready within {timeout:g} s"
         if answer.get("timeout")
-        else f"{module} ended with exit code {code} before it was ready; see its messages above"
+        else f"{module} ended with exit code {code} before it was ready; its last words: {said.last}"
     )
     raise SimStartError(reason)
 
 
 def _start(
-    module: str, arguments: Sequence[str], pass_fds: Sequence[int]
+    module: str, arguments: Sequence[str], pass_fds: Sequence[int], errors: int
 ) -> subprocess.Popen[bytes]:
     path = json.dumps([p for p in sys.path if p])
     return subprocess.Popen(
         [sys.executable, "-P", "-c", _RUN_MODULE, module, path, *arguments],
         stdin=subprocess.DEVNULL,
+        stderr=errors,
         pass_fds=pass_fds,
         start_new_session=True,  # Ctrl-C is for the client, which stops the simulator last
     )

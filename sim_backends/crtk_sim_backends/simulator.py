@@ -90,7 +90,8 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
             return
         control = f"{server.host}:{server.ports['control']}"
         module = "crtk_sim_backends.page"
-        with process.spawn(module, [control, f"--port={config.web_port}"]) as page:
+        options = [control, f"--port={config.web_port}"]
+        with process.spawn(module, options, called="page") as page:
             yield page
 
     def spawn(self, config: ConfigT | None = None, **changes: Any) -> RunningSim:
@@ -105,7 +106,8 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
             SimStartError: when it cannot be started, with the address, port or path concerned.
         """
         chosen = (config or self.Config()).replace(**changes)
-        return process.spawn(type(self).__module__, command_line.flags(chosen))
+        module, options = type(self).__module__, command_line.flags(chosen)
+        return process.spawn(module, options, called=f"{self.name} simulator")
 
     def run(
         self,

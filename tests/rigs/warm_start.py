@@ -199,9 +199,12 @@ class WarmStart:
         self._peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._peer.connect(str(path))
 
-    def start(self, module: str, arguments: Sequence[str], pass_fds: Sequence[int]) -> Process:
+    def start(
+        self, module: str, arguments: Sequence[str], pass_fds: Sequence[int], errors: int
+    ) -> Process:
         """Do what `crtk_sim_backends.process` does, and sooner."""
-        return Process(*self._fork(module, arguments, {file: file for file in (1, 2, *pass_fds)}))
+        taken = {1: 1, 2: errors, **{file: file for file in pass_fds}}
+        return Process(*self._fork(module, arguments, taken))
 
     def start_program(
         self,

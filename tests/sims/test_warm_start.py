@@ -108,15 +108,17 @@ if __name__ == "__main__":
 
 
 def test_it_has_the_path_arguments_environment_folder_and_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     (tmp_path / "told.py").write_text(TOLD)
     (tmp_path / "here").mkdir()
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path / "here")
     monkeypatch.setenv("CRTK_TEST", "set")
-    with pytest.raises(SimStartError, match="exit code 7"):
+    with pytest.raises(SimStartError, match=r"exit code 7 before it was ready; .*: True"):
         process.spawn("told", ["--first"])
-    said = capfd.readouterr()
-    assert said.out.split() == ["True", "--first", "set", "here"]
-    assert said.err.split() == ["True"]
+    assert capfd.readouterr().out.split() == ["True", "--first", "set", "here"]
+    assert caplog.messages == ["told:  True"]

@@ -149,6 +149,7 @@ def serve(
                 "crtk_sim_backends.page",
                 [f"--pipe-fd={servers.fileno()}", f"--host={host}", f"--port={port}", *options],
                 pass_fds=(servers.fileno(),),
+                called="page",
             )
     except BaseException:
         own.close()

@@ -33,6 +33,7 @@ from typing import Any, Final
 
 from typing_extensions import override
 
+from crtk_sim_backends.child_log import FORMAT
 from crtk_sim_backends.command_line import stopped_by_signals
 from crtk_sim_backends.control import ControlError, ControlRefused
 from crtk_sim_backends.page import address_of
@@ -311,7 +312,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given: Any = parser.parse_args(arguments)
     if (given.control is None) is (given.pipe_fd is None):
         parser.error("name the simulator by its control socket, HOST:PORT")
-    logging.basicConfig(format="%(name)s: %(message)s")
+    logging.basicConfig(format=FORMAT)
     os.nice(NICENESS)
     readiness = Readiness(given.ready_fd, given.parent_fd)
     life = Life(given.parent_fd)
