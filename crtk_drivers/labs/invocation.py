@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from crtk_drivers.labs.lab_file import LabDevice
 
@@ -23,13 +24,18 @@ def device_command(device: LabDevice, settings: Path) -> tuple[str, ...]:
     """
     simulated = ["--sim"] if device.sim else []
     for key, value in device.sim_options.items():
-        simulated += ["--sim-set", f"{key}={json.dumps(value)}"]
+        simulated += ["--sim-set", f"{key}={_as_typed(value)}"]
     if device.coupled is not None:
         coupled = device.coupled.model_dump(exclude_none=True, exclude_unset=True)
         for key, value in coupled.items():
-            simulated += ["--sim-carried", f"{key}={json.dumps(value)}"]
+            simulated += ["--sim-carried", f"{key}={_as_typed(value)}"]
     return (
         *(sys.executable, "-m", "crtk_drivers.cli", device.plugin.name),
         *("--ns", device.namespace, "--config", str(settings.resolve())),
         *simulated,
     )
+
+
+def _as_typed(value: Any) -> str:
+    """Return a value as a person would type it: a key that takes text has quotes for a part of it."""
+    return value if isinstance(value, str) else json.dumps(value)
