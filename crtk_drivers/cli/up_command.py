@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -159,10 +159,23 @@ def bring_up(
                 supervisor.step()
                 show()
                 time.sleep(LOOK_PERIOD)
-            failed = any(map(_has_failed, supervisor.children))
+            failed = [child for child in supervisor.children if _has_failed(child)]
         finally:
-            ended_well = supervisor.stop(show)
-    return 0 if ended_well and not failed else 1
+            supervisor.stop(show)
+    return _conclusion(supervisor, failed)
+
+
+def _conclusion(supervisor: Supervisor, failed: Sequence[Child]) -> int:
+    """Log how a lab ended, of which some had failed before, and return the exit code."""
+    name = supervisor.lab.name
+    bad = [child for child in supervisor.children if child in failed or not child.ended_well]
+    if not bad:
+        logger.info("%s: all stopped; exit code 0", name)
+        return 0
+    logger.error("%s: exit code 1:", name)
+    for child in bad:
+        logger.error("  %s: %s", child.name, child.why)
+    return 1
 
 
 def make_units(path: Path, only: tuple[str, ...], sim: bool, folder: str) -> int:

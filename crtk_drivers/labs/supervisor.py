@@ -85,6 +85,7 @@ class Child:
         heard: monotonic seconds at which it came.
         restarts: how often it was started again.
         code: with which it ended last; negative: the signal.
+        ended_well: unless it was told to stop and did not as it should.
         why: what is to be said of it: why it waits, or ended.
         cpu: share of a core that it takes.
     """
@@ -99,6 +100,7 @@ class Child:
     heard: float = 0.0
     restarts: int = 0
     code: int | None = None
+    ended_well: bool = True
     why: str = ""
     cpu: float = 0.0
     process: subprocess.Popen[bytes] | None = None
@@ -170,28 +172,31 @@ class Supervisor:
     def stop(self, idle: Callable[[], None] = lambda: None) -> bool:
         """End everything: programs first, then the devices, those that others come after last.
 
+        How each ended is logged.
+
         Args:
             idle: called while it waits.
 
         Returns:
             whether all ended by themselves, the devices seen to stand (exit code 0).
         """
-        sound = True
         for group in self._groups():
             running = [child for child in group if child.process is not None]
             for child in group:
+                if child not in running and child.phase is not Phase.ENDED:
+                    logger.info("%s: was not running: %s", child.name, child.why)
                 child.phase = Phase.STOPPING if child in running else Phase.ENDED
             for child in running:
                 # Python forgets a SIGINT that interrupts an import: a device that is still starting
                 # would go on.
                 _signal(child, signal.SIGTERM if child.reports else signal.SIGINT)
-            deadline = time.monotonic() + STOP_TIMEOUT
+            began = time.monotonic()
             while any(child.process is not None for child in running):
                 for child in running:
-                    sound &= self._see_end(child, killed=time.monotonic() > deadline)
+                    self._see_end(child, time.monotonic() - began)
                 idle()
                 time.sleep(LOOK_PERIOD / 5.0)
-        return sound
+        return all(child.ended_well for child in self.children)
 
     def _groups(self) -> Iterator[list[Child]]:
         """Yield programs, then devices: none before those that come after it."""
@@ -263,9 +268,8 @@ class Supervisor:
         if not child.reports and code == 0:
             self._ended(child, now, "has done its work", again=False)
         elif child.reports and code == USAGE_ERROR:
-            self._ended(
-                child, now, f"{last_line(child.log) or _UNSAID} (see {child.log})", again=False
-            )
+            why = last_line(child.log) or _UNSAID
+            self._ended(child, now, f"{why} (see {child.log})", again=False)
         else:
             self._ended(child, now, f"{_told(code)} (see {child.log})", again=True)
 
@@ -288,27 +292,41 @@ class Supervisor:
         logger.error("%s: %s; started again in %g s", child.name, why, child.delay)
         child.delay = min(2.0 * child.delay, LONGEST_DELAY)
 
-    def _see_end(self, child: Child, *, killed: bool) -> bool:
-        """Look whether a process that was told to stop has; return False if not as it should."""
+    def _see_end(self, child: Child, took: float) -> None:
+        """Look whether a process that was told to stop `took` seconds ago has, and log how."""
         process = child.process
         if process is None:
-            return True
+            return
         if child.reports:
             self._take_reports(child)
+        killed = took > STOP_TIMEOUT
         if killed:
             _signal(child, signal.SIGKILL)
         code = process.poll()
         if code is None:
-            return True
+            return
         served = child.report is not None  # else it was still starting, whatever its exit code is
         self._forget(child, code)
         child.phase = Phase.ENDED
-        child.why = f"did not end in {STOP_TIMEOUT:g} s, and was killed" if killed else ""
-        if not killed and (code == 0 or not served):
-            return True
-        child.why = child.why or f"{_told(code)} (see {child.log})"
+        child.ended_well = not killed and (code == 0 or not served)
+        if child.ended_well:
+            how = (
+                "stopped"
+                if served
+                else "was still starting, and ended"
+                if child.reports
+                else "ended"
+            )
+            child.why = f"{how} in {took:.1f} s"
+            logger.info("%s: %s", child.name, child.why)
+            return
+        if killed:
+            how = f"did not end in {STOP_TIMEOUT:g} s, and was killed"
+            words = "check that its hardware stands" if child.reports else ""
+        else:
+            how, words = _told(code), last_line(child.log)
+        child.why = f"{how}{': ' if words else ''}{words} (see {child.log})"
         logger.error("%s: %s", child.name, child.why)
-        return False
 
     def _forget(self, child: Child, code: int) -> None:
         child.code, child.process, child.report, child.cpu = code, None, None, 0.0

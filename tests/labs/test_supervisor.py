@@ -1,6 +1,8 @@
 """Processes of a lab: started again when they end, told to stop in order, never left."""
 
+import logging
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -173,6 +175,7 @@ def test_all_are_told_to_stop_and_nothing_is_left(lab):
     assert running.stop()
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
     assert running.is_over
+    assert all(re.fullmatch(r"ended in \d+\.\d s", child.why) for child in running.children)
 
 
 FORGETFUL = """
@@ -191,6 +194,38 @@ def test_a_device_that_has_forgotten_a_ctrl_c_is_stopped_all_the_same(lab, tmp_p
     running.devices["arm"] = arm = Child("arm", command, (), tmp_path / "arm.log", True)
     until(running, lambda: is_up(arm), "it is up")
     assert running.stop()
+
+
+STOPS = """
+print("the arm still moves", flush=True)
+signal.signal(signal.SIGTERM, lambda *_: sys.exit({code}))
+os.write(int(os.environ["CRTK_DRIVERS_REPORT_FD"]), json.dumps(report).encode() + b"\\n")
+time.sleep(1000)
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "how"),
+    [
+        (0, r"stopped in \d+\.\d s"),
+        (1, r"ended with exit code 1: the arm still moves \(see .*arm.log\)"),
+    ],
+)
+def test_how_a_device_stopped_is_logged(lab, tmp_path, caplog, code, how):
+    caplog.set_level(logging.INFO)
+    running = lab()
+    command = (*PYTHON, "import signal\n" + MEASURES + STOPS.format(code=code))
+    arm = Child("arm", command, (), tmp_path / "arm.log", True)
+    running.devices["arm"] = arm
+    until(running, lambda: is_still(arm), "it can be stopped")
+    assert running.stop() is (code == 0)
+    assert re.fullmatch(how, arm.why)
+    assert f"arm: {arm.why}" in caplog.messages
+
+
+def is_still(child: Child) -> bool:
+    """Whether it has said its words: then it hears a signal."""
+    return child.heard > 0.0 and child.log.exists() and "moves" in child.log.read_text()
 
 
 def test_one_that_does_not_stop_is_killed_and_that_is_told(lab, monkeypatch):

@@ -92,6 +92,9 @@ def test_all_come_up_in_order_are_kept_running_and_stopped(start, tmp_path):
             with pytest.raises(AttributeError, match=r"no device 'three'\. It has: one, two"):
                 _ = devices.three
         assert lab.end() == 0
+        told = "".join(lab.lines)
+        assert re.search(r"work: ended in .*two: stopped in .*one: stopped in ", told, re.DOTALL)
+        assert lab.lines[-1].endswith("lab: all stopped; exit code 0\n")
         until_gone(second, work)
     assert (tmp_path / "work.log").read_text() == "up\n"
 
