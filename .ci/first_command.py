@@ -20,7 +20,9 @@ from threading import Event, Thread
 from typing import IO
 
 BLOCK = re.compile(r"^```sh\n(?P<commands>.*?)^```$", re.MULTILINE | re.DOTALL)
-HINT = "in another terminal: "
+HINT = "in another terminal:"
+STEP = "  "
+"""Before each command of the hint, a line each."""
 SET_UP = 600
 """Seconds that the first command may take to set up all that it needs, and to run."""
 
@@ -43,11 +45,15 @@ class Relay(Thread):
 
     def run(self) -> None:  # no `override`: any Python runs this
         """Read to the end."""
+        in_hint = False
         for line in self._lines:
             print(line, end="", file=sys.stderr, flush=True)
-            if HINT in line:
-                self.hint = line.partition(HINT)[2].strip().split("   ")
+            if in_hint and line.startswith(STEP):
+                self.hint.append(line.strip())
+                continue
+            if in_hint:
                 self.met.set()
+            in_hint = HINT in line
         self.met.set()
 
 

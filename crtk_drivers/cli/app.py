@@ -8,19 +8,22 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
+from rich.text import Text
+from typing_extensions import override
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.help_pages import Rows
 from crtk_drivers.cli.own_commands import OWN_COMMANDS, OwnGroup
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import print_error
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
-from crtk_drivers.errors.wording import program
+from crtk_drivers.errors.wording import by_script, program
 
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
 
@@ -35,6 +38,23 @@ class DeviceGroup(PluginGroup, OwnGroup):
     """One command for each device, beside our own."""
 
     source = Source(plugins.devices, _build, plugins.device, "Devices")
+
+    @override
+    def more_sections(self) -> Mapping[str, Rows]:
+        """Return the options of the script of a clone, if that has started this."""
+        if not by_script():
+            return {}
+        rows = [(Text(name, "cyan"), Text(told)) for name, told in SCRIPT_OPTIONS.items()]
+        return {f"Options of {program()} itself, which stand first": rows}
+
+
+SCRIPT_OPTIONS: Final = {
+    "--extra NAME": "Bring the libraries of an extra, then go on. May be repeated.",
+    "--run PROGRAM ...": "Run any program with the Python of the drivers.",
+    "--test ...": "Run the tests; takes options of pytest.",
+    "--pip ...": "pip, for the Python of the drivers: --pip install -e my_plugin",
+}
+"""What the script ``crtk-driver`` of a clone takes itself; this program never sees it."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +93,8 @@ def _allow_only(names: str | None) -> None:
 
 
 @app.callback(
-    epilog="[dim]First steps:[/dim]  crtk-driver list   ·   crtk-driver loopback --ns /demo   ·   "
-    "crtk-driver ur --sim --ns /ur5"
+    epilog="[bold]First steps:[/bold]\n  crtk-driver list\n  crtk-driver loopback --ns /demo\n"
+    "  crtk-driver ur --sim --ns /ur5"
 )
 def _root(
     context: typer.Context,

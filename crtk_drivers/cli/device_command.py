@@ -185,7 +185,7 @@ def run_device(plugin: DevicePlugin, given: Mapping[str, Any], ros_args: Sequenc
             line.name = f"{engine.name} {where}"
             if record is not None:
                 logger.info("%s: recording %s", engine.name, recordings.start(record))
-            logger.info("%s", _what_next(where, engine.commands))
+            logger.info("%s", what_next(where, engine.commands))
             if reach:
                 logger.warning(
                     "%s can be commanded %s, without a password. To stay on this machine: "
@@ -224,11 +224,11 @@ def _reporter(read: Callable[[], tuple[Status, Health]]) -> Reporter | None:
     return Reporter(int(descriptor), read, time.monotonic) if descriptor else None
 
 
-def _what_next(namespace: str, commands: Collection[str]) -> str:
+def what_next(namespace: str, commands: Collection[str]) -> str:
     """Return what a newcomer can do with the device, as commands for another terminal."""
     told = next((name for name in commands if name.startswith("measured_")), "operating_state")
     use = [f"echo {namespace} {told}"]
     if "move_jp" in commands:
         use = [f"enable {namespace}", "move --help"]
-    steps = [f"crtk-driver {step}" for step in (f"state {namespace}", *use)]
-    return f"in another terminal: {'   '.join(steps)}"
+    steps = [f"  crtk-driver {step}" for step in (f"state {namespace}", *use)]
+    return "\n".join(("in another terminal:", *steps))

@@ -71,6 +71,10 @@ class HelpfulGroup(_StableNames, TyperGroup):
             return None
         return Listed((command.help or "").split("\n\n")[0], _panel(command))
 
+    def more_sections(self) -> Mapping[str, Rows]:
+        """Return what its page has below its options, by heading."""
+        return {}
+
     @override
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the page."""
@@ -127,6 +131,7 @@ def _sections(command: Any, ctx: Any) -> Mapping[str, Rows]:
         names = Text(_metavar(param), "cyan") if argument else _option_names(param)
         sections.setdefault(heading, []).append((names, _description(param)))
     if isinstance(command, HelpfulGroup):
+        sections |= command.more_sections()
         for name in command.list_commands(ctx):
             told = command.listed(ctx, name)
             if told is not None:

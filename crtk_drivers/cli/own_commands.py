@@ -92,7 +92,7 @@ OWN_COMMANDS: Final[Mapping[str, OwnCommand]] = MappingProxyType(
              "Let 3D Slicer, or another program that speaks OpenIGTLink, see and command devices, "
              "until Ctrl-C."),
             ("teleop", _CLIENT, "teleop_command",
-             "Let one device lead another one, by pedals, as the table [teleop] of a lab file says, "
+             "Let one device lead another one, by pedals, as `teleop` in a lab file says, "
              "until Ctrl-C."),
             ("check", _TOOLS, "check_command",
              "Check that a device, or its simulator, is ready to run."),

@@ -51,7 +51,7 @@ def _teleop(
     ] = False,
     timeout: Timeout = FIND_TIMEOUT,
 ) -> None:
-    """Let one device lead another one, by pedals, as the table [teleop] of a lab file says, until Ctrl-C.
+    """Let one device lead another one, by pedals, as `teleop` in a lab file says, until Ctrl-C.
 
     It ends with 0 when the follower was seen to stand after the last hold, else with 1.
 

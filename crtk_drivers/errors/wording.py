@@ -54,6 +54,11 @@ class Wording:
     extra: str
 
 
+def by_script() -> bool:
+    """Return whether the script of a clone started this process."""
+    return bool(os.environ.get(SCRIPT))
+
+
 def program() -> str:
     """Return how this program was started. Every start asks, so no metadata are read."""
     script = os.environ.get(SCRIPT)
@@ -64,7 +69,7 @@ def program() -> str:
 
 def current_wording() -> Wording:
     """Return the commands that work as this process was started."""
-    if os.environ.get(SCRIPT):
+    if by_script():
         return Wording(program(), f"{program()} --run ", *_by_script(program()))
     clone = _clone()
     in_clone = clone is not None and Path(sys.prefix) == clone / ".venv"

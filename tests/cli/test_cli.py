@@ -34,6 +34,7 @@ from crtk_drivers.config import from_values
 from crtk_drivers.config.keys import setting_names
 from crtk_drivers.device import Note, Severity
 from crtk_drivers.errors import ConfigError, ConnectionFailed, DataTimeout
+from crtk_drivers.errors.wording import SCRIPT
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.samples import JointState, vector
@@ -119,6 +120,41 @@ def test_help_lists_devices_and_tools(capsys: Capture) -> None:
     text = capsys.readouterr().out
     for part in ("loopback", "gantry", "bad", "broken, see crtk-driver list", "schema", "sim"):
         assert part in text
+
+
+def test_help_shows_one_first_step_a_line(capsys: Capture) -> None:
+    assert main(["--help"]) == 0
+    _, _, steps = capsys.readouterr().out.partition("First steps:\n")
+    assert [len(re.findall(r"crtk-driver ", line)) for line in steps.splitlines() if line] == [
+        1,
+        1,
+        1,
+    ]
+
+
+def test_help_has_each_option_of_the_script(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = Path(__file__).parents[2] / "crtk-driver"
+    options = set(re.findall(r"^ +(--[a-z]+)\)", script.read_text(), re.MULTILINE))
+    assert {"--extra", "--run"} <= options
+    assert main(["--help"]) == 0
+    assert "--extra" not in capsys.readouterr().out
+    monkeypatch.setenv(SCRIPT, "./crtk-driver")
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert "Options of ./crtk-driver itself" in text
+    assert set(re.findall(r"^  (--[a-z]+) ", text, re.MULTILINE)) >= options
+
+
+def test_what_to_do_next_is_one_command_a_line() -> None:
+    hint = device_command.what_next("/arm", ["measured_js", "move_jp"])
+    assert hint.splitlines() == [
+        "in another terminal:",
+        "  crtk-driver state /arm",
+        "  crtk-driver enable /arm",
+        "  crtk-driver move --help",
+    ]
 
 
 def test_every_scalar_key_of_a_device_is_an_option(capsys: Capture) -> None:
