@@ -14,7 +14,9 @@ from types import FrameType
 from typing import Any, Final
 
 import typer
+from rich.cells import cell_len
 from rich.live import Live
+from rich.padding import Padding
 from rich.spinner import Spinner
 from rich.table import Table
 from rich.text import Text
@@ -40,6 +42,10 @@ STYLES: Final = {
     Verdict.INCONCLUSIVE: "yellow",
     Verdict.SKIPPED: "dim",
 }
+
+_TITLES: Final = {test.id: f"{test.id} {test.name}" for test in TESTS}
+_INDENT: Final = 10
+"""Columns before a reason that stands below its test."""
 
 logger = logging.getLogger(__name__)
 
@@ -230,7 +236,7 @@ def _tell(found: Run, folder: Path) -> None:
     for device, test in found.tests:
         for measured in test.measurements:
             if measured.regressed:
-                told = f"{device.name} {test.id}: worse than it was: {measured.told}: {measured.regressed}"
+                told = f"{device.name} {test.id} {test.name}: worse than it was: {measured.told}: {measured.regressed}"
                 OUT.print(told, style="yellow", soft_wrap=True)
     if not found.complete:
         OUT.print(f"This run did not come to its end: {found.ended_by}", style="bold red")
@@ -243,11 +249,12 @@ def _tell(found: Run, folder: Path) -> None:
 def _verdicts(found: Run) -> Table:
     table = Table(box=None, pad_edge=False)
     for column in ("device", "test", "", "verdict", ""):
-        table.add_column(column)
+        table.add_column(column, overflow="fold")
     skipped: dict[tuple[str, str], list[str]] = {}
     for device, test in found.tests:
         if test.verdict is Verdict.SKIPPED:
-            skipped.setdefault((device.name, test.reason), []).append(test.id)
+            titles = skipped.setdefault((device.name, test.reason), [])
+            titles.append(f"{test.id} {test.name}")
             continue
         told = test.reason or "; ".join(measured.told for measured in test.measurements)
         table.add_row(
@@ -277,34 +284,37 @@ def _seen(tell: Callable[..., None], stop: StopRequest) -> Callable[..., None]:
 def _shown(stop: StopRequest) -> Iterator[Any]:
     """Show each test as it ends, and on a terminal the one that runs."""
     began = time.monotonic()
-    running: dict[str, None] = {}
+    running: set[tuple[str, str]] = set()
     live = Live(console=ERR, transient=True, refresh_per_second=8) if ERR.is_terminal else None
 
     def progress(device: str, test: str, verdict: Verdict | None, told: str) -> None:
-        name = f"{device} {test}".strip()
         if verdict is None:
-            running[f"{name} {told}"] = None
+            running.add((device, test))
         else:
-            for key in [key for key in running if key.startswith(name)]:
-                del running[key]
+            running.discard((device, test))
             if verdict is not Verdict.SKIPPED:
-                line = Text.assemble(
-                    (f"{time.monotonic() - began:6.1f} s  ", "dim"),
-                    (f"{device:12s} ", "bold cyan"),
-                    f"{test:4s} ",
-                    (f"{verdict:13s}", STYLES[verdict]),
-                    told,
-                )
-                if ERR.is_terminal:
-                    ERR.print(line, overflow="ellipsis", no_wrap=True)
-                else:
-                    ERR.print(line, soft_wrap=True)
+                _print_result(time.monotonic() - began, device, test, verdict, told)
         if live is not None:
-            doing = ", ".join(running)
-            live.update(Spinner("dots", Text(doing, overflow="ellipsis")) if doing else Text(""))
+            doing = ", ".join(f"{device} {_TITLES[test]}" for device, test in sorted(running))
+            live.update(Spinner("dots", Text(doing)) if doing else Text(""))
 
     if live is None:
         yield _seen(progress, stop)
         return
     with live:
         yield _seen(progress, stop)
+
+
+def _print_result(seconds: float, device: str, test: str, verdict: Verdict, told: str) -> None:
+    """Print how a test ended; what leaves no room in its line on a terminal stands below, wrapped."""
+    line = Text.assemble(
+        (f"{seconds:6.1f} s  ", "dim"),
+        (f"{device:12s} ", "bold cyan"),
+        (f"{verdict:13s}", STYLES[verdict]),
+        _TITLES.get(test, ""),
+    )
+    if not ERR.is_terminal or line.cell_len + 2 + cell_len(told) <= ERR.width:
+        ERR.print(line.append(f"  {told}" if told else ""), soft_wrap=True)
+        return
+    ERR.print(line)
+    ERR.print(Padding(Text(told, overflow="fold"), (0, 0, 0, _INDENT)))

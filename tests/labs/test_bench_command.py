@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pty
@@ -14,7 +15,12 @@ from pathlib import Path
 
 import pytest
 
+from rich.console import Console
+
+from crtk_drivers.cli import bench_runs
 from crtk_drivers.labs.bench.results import read_run
+from crtk_drivers.labs.verdicts.judging import Verdict
+from crtk_drivers.status.stop_request import StopRequest
 from crtk_sim_backends.netft import SIM
 from rigs.full_disk import NO_BYTECODE, limit
 from rigs.programs import COMMAND, Start
@@ -42,6 +48,27 @@ def command(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Co
         return subprocess.CompletedProcess(arguments, process.returncode, out, errors)
 
     return run
+
+
+REASON = "the machine is too busy: the bench's own timer was late by 3.9 ms, at most 2.0 ms are allowed"
+
+
+@pytest.mark.parametrize(("terminal", "width"), [(True, 200), (True, 80), (True, 40), (False, 40)])
+def test_a_verdict_has_its_tests_name_and_whole_reason(
+    monkeypatch: pytest.MonkeyPatch, terminal: bool, width: int
+) -> None:
+    console = Console(file=io.StringIO(), force_terminal=terminal, width=width, color_system=None)
+    monkeypatch.setattr(bench_runs, "ERR", console)
+    with bench_runs._shown(StopRequest()) as show:
+        show("arm", "T1", None, "rate and loss")
+        show("arm", "T1", Verdict.INCONCLUSIVE, REASON)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    words = " ".join(text.split())
+    assert "arm INCONCLUSIVE T1 rate and loss" in words
+    assert REASON in words
+    assert "…" not in text
+    if not terminal:
+        assert len(text.splitlines()) == 1
 
 
 def test_ctrl_z_ends_a_run_that_may_move_hardware(tmp_path: Path) -> None:
