@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from enum import StrEnum
 from itertools import groupby
 from typing import Annotated
 
 import typer
-from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.help_pages import HelpfulCommand
-from crtk_drivers.cli.terminal import OUT, sentence
+from crtk_drivers.cli.terminal import OUT, plain, sentence
 from crtk_drivers.commands import Command, Level, find, is_name
+from crtk_drivers.errors import MissingExtra
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.plugins import PluginEntry
 
@@ -32,7 +33,9 @@ def _list(
 
 
 def list_plugins(name: str | None) -> int:
-    """Print all plugins, or all that is known of those of one name.
+    """Print all plugins, a line each, or all that is known of those of one name.
+
+    Simulators that belong to a device have no line of their own, unless they cannot be used.
 
     Returns:
         1 if the plugin asked for cannot be used, otherwise 0.
@@ -40,15 +43,26 @@ def list_plugins(name: str | None) -> int:
     Raises:
         PluginError: there is no plugin `name`.
     """
-    if name is None:
-        _print_group("Devices", plugins.devices())
-        _print_group("Simulators", plugins.sims())
-        _print_group("Pages for the browser", plugins.pages())
-        return 0
     groups = (plugins.devices(), plugins.sims(), plugins.pages())
+    if name is None:
+        devices, simulators, pages = groups
+        _print_group("Devices", devices)
+        own = {entry.description.sim for entry in devices.values() if entry.description}
+        others = {
+            name: entry
+            for name, entry in simulators.items()
+            if name not in own or _state(entry) in _TROUBLE
+        }
+        _print_group("Simulators of no device", others)
+        _print_group("Pages for the browser", pages)
+        OUT.print("All that is known of one, and all simulators:")
+        for command in ("list NAME", "sim list"):
+            OUT.print(Text(worded(f"  crtk-driver {command}")), soft_wrap=True)
+        return 0
     entries = [group[name] for group in groups if name in group]
     if not entries:
-        plugins.device(name)
+        everything = {each: entry for group in groups for each, entry in group.items()}
+        plugins.find_entry(everything, name, "device, simulator or page")
     for entry in entries:
         _describe(entry)
     return 1 if any(entry.error for entry in entries) else 0
@@ -59,36 +73,66 @@ def list_simulators() -> None:
     _print_group("Simulators", plugins.sims())
 
 
+class State(StrEnum):
+    """Whether a plugin can be used, as far as that is known without importing it."""
+
+    OK = "ok"
+    """It was imported."""
+    INSTALLED = "installed"
+    NEEDS_EXTRA = "needs extra"
+    BROKEN = "broken"
+
+
+_STYLES = {
+    State.OK: "green",
+    State.INSTALLED: "green",
+    State.NEEDS_EXTRA: "yellow",
+    State.BROKEN: "bold red",
+}
+_TROUBLE = (State.NEEDS_EXTRA, State.BROKEN)
+
+
 def _print_group(title: str, entries: Mapping[str, PluginEntry]) -> None:
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 1, 2))
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for name, entry in entries.items():
-        table.add_row(Text(name, "bold cyan"), _summary(entry))
-    OUT.print(Text(f"{title}\n", "bold"))
-    OUT.print(table if entries else Text("  none installed", "dim"))
+    OUT.print(Text(title, "bold"))
+    states = {name: _state_text(entry) for name, entry in entries.items()}
+    columns = [max(map(len, words), default=0) + 2 for words in (states, states.values())]
+    for name, state in states.items():
+        line = Text.assemble("  ", (name.ljust(columns[0]), "bold cyan"), state)
+        line.append(" " * (columns[1] - len(state))).append_text(_summary(entries[name]))
+        if OUT.is_terminal and _state(entries[name]) not in _TROUBLE:
+            OUT.print(line, overflow="ellipsis", no_wrap=True)
+        else:
+            OUT.print(line, soft_wrap=True)
+    if not entries:
+        OUT.print(Text("  none installed", "dim"))
     OUT.print()
 
 
-def _summary(entry: PluginEntry) -> RenderableType:
-    lines = Text.assemble(_status(entry), (f"  {_package(entry)}", "dim"))
+def _state(entry: PluginEntry) -> State:
+    """Return what is known of it: that one is ok only where it was imported."""
+    if entry.missing:
+        return State.NEEDS_EXTRA
+    if entry.is_described and not entry.is_loaded:
+        return State.INSTALLED
+    return State.BROKEN if entry.error else State.OK
+
+
+def _state_text(entry: PluginEntry) -> Text:
+    state = _state(entry)
+    extra = f" {entry.missing.extra}" if entry.missing else ""
+    return Text(f"{state}{extra}", _STYLES[state])
+
+
+def _summary(entry: PluginEntry) -> Text:
+    """Return what it is, or why it cannot be loaded; and the package that brings it, if it is not ours."""
     told = entry.description
-    if told is None:
-        return lines.append_text(_trouble(entry))
-    if _is_device(entry):
-        lines.append(f"  simulator: {told.sim}" if told.sim else "  no simulator", "dim")
-    lines.append(f"\n{sentence(told.summary)}")
-    if entry.missing:
-        lines.append(f"\n{entry.missing}", "yellow")
-    commands = {name: find(name) for name in told.commands.split() if is_name(name)}
-    return lines.append(f"\n{short_names(commands)}", "dim") if commands else lines
-
-
-def _trouble(entry: PluginEntry) -> Text:
-    if entry.missing:
-        return Text(f"\n{entry.missing}", "yellow")
-    text = Text(f"\n{type(entry.error).__name__}: {entry.error}", "red")
-    return text.append(worded(f"\nTraceback: crtk-driver list {entry.name}"), "dim")
+    if told is not None:
+        text = Text.from_markup(sentence(told.summary))
+    else:
+        text = Text(f"{type(entry.error).__name__}: {entry.error}", "red")
+    if entry.distribution != plugins.OWN_DISTRIBUTION:
+        text.append(f"  ({_package(entry)})", "dim")
+    return text
 
 
 def _is_device(entry: PluginEntry) -> bool:
@@ -97,15 +141,6 @@ def _is_device(entry: PluginEntry) -> bool:
 
 def _package(entry: PluginEntry) -> str:
     return f"{entry.distribution} {entry.version}".strip() or "unknown package"
-
-
-def _status(entry: PluginEntry) -> Text:
-    """Say what is known of it: that one is ok only where it was imported."""
-    if entry.missing:
-        return Text("needs extra", "yellow")
-    if entry.is_described and not entry.is_loaded:
-        return Text("installed", "green")
-    return Text("broken", "bold red") if entry.error else Text("ok", "green")
 
 
 def short_names(commands: Mapping[str, Command]) -> str:
@@ -140,17 +175,24 @@ def _joined(level: Level, names: Iterable[str]) -> str:
 def _describe(entry: PluginEntry) -> None:
     kind = _KINDS[entry.entry_point.group]
     error = entry.error  # which imports it
-    heading = Text.assemble((entry.name, "bold cyan"), f"  {kind}  ", _status(entry))
+    heading = Text.assemble((entry.name, "bold cyan"), f"  {kind}  ", _state_text(entry))
     OUT.print(heading.append(f"  {_package(entry)}  {entry.entry_point.value}", "dim"))
+    if isinstance(error, MissingExtra):
+        OUT.print(Text(f"\n{worded(str(error))}", "yellow"), soft_wrap=True)
+        return
     if error:
         OUT.print(Text(f"\n{entry.traceback}"), soft_wrap=True)
         return
-    OUT.print(f"{sentence(entry.plugin.summary)}\n")
+    OUT.print(sentence(entry.plugin.summary))
+    if entry.missing:
+        OUT.print(Text(worded(str(entry.missing)), "yellow"), soft_wrap=True)
     if _is_device(entry):
+        sim = entry.plugin.sim
+        OUT.print(f"Simulator: {plain(sim)}, by --sim.\n" if sim else "It has no simulator.\n")
         table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
         for column in ("command", "units", "what it is"):
             table.add_column(column)
         for name, command in plugins.commands_of(entry.name).items():
             table.add_row(Text(name, "cyan"), command.units, command.summary)
         OUT.print(table)
-        OUT.print()
+    OUT.print()

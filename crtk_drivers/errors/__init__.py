@@ -124,6 +124,7 @@ class MissingExtra(CrtkError, ImportError):
             f"{library} is not installed{because and ', and '}{because}",
             remedy=remedy or f"Install it with: pip install '{owner}[{extra}]'",
         )
+        self.extra = extra
 
     @override
     def __str__(self) -> str:

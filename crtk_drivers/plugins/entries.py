@@ -173,7 +173,7 @@ def device(name: str) -> DevicePlugin:
         PluginError: there is none of that name (with what was probably meant), or it is broken.
         MissingExtra: a library of an extra is not installed.
     """
-    plugin: DevicePlugin = _find(devices(), name, "device").plugin
+    plugin: DevicePlugin = find_entry(devices(), name, "device").plugin
     return plugin
 
 
@@ -184,7 +184,7 @@ def simulator(name: str) -> SimPlugin:
         PluginError: there is none of that name (with what was probably meant), or it is broken.
         MissingExtra: a library of an extra is not installed.
     """
-    plugin: SimPlugin = _find(sims(), FORMER.get(name, name), "simulator").plugin
+    plugin: SimPlugin = find_entry(sims(), FORMER.get(name, name), "simulator").plugin
     return plugin
 
 
@@ -195,11 +195,16 @@ def page(name: str = PAGE) -> PagePlugin:
         PluginError: there is none, or it is broken.
         MissingExtra: a library of an extra is not installed.
     """
-    plugin: PagePlugin = _find(pages(), name, "page").plugin
+    plugin: PagePlugin = find_entry(pages(), name, "page").plugin
     return plugin
 
 
-def _find(entries: Mapping[str, PluginEntry], name: str, what: str) -> PluginEntry:
+def find_entry(entries: Mapping[str, PluginEntry], name: str, what: str) -> PluginEntry:
+    """Return the entry of a name.
+
+    Raises:
+        PluginError: there is no `what` of that name, with what was probably meant.
+    """
     if name in entries:
         return entries[name]
     close = difflib.get_close_matches(name, entries, n=1, cutoff=0.5)

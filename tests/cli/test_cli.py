@@ -36,6 +36,7 @@ from crtk_drivers.device import Note, Severity
 from crtk_drivers.errors import ConfigError, ConnectionFailed, DataTimeout
 from crtk_drivers.errors.wording import SCRIPT
 from crtk_drivers.labs.verdicts.judging import Verdict
+from crtk_drivers.plugins import Description, entries
 from crtk_drivers.ros.names import ANOTHER_DRIVER
 from crtk_drivers.samples import JointState, vector
 from crtk_drivers.state import OperatingState, Status
@@ -223,18 +224,40 @@ def test_every_key_under_a_heading_exists() -> None:
                         assert set(names) <= set(setting_names(model)), each
 
 
-def test_list(capsys: Capture) -> None:
+def test_list_is_one_line_a_device(capsys: Capture) -> None:
     assert main(["list"]) == 0
     text = capsys.readouterr().out
-    assert re.search(r"loopback +installed +crtk-drivers 9\.8 +no simulator", text)
-    assert re.search(r"tooled +ok +crtk-drivers 9\.8 +no simulator", text), (
-        "not described: imported"
+    assert re.search(r"^  loopback +installed +A gantry .*\.$", text, re.MULTILINE)
+    assert re.search(r"^  tooled +ok +Has a tool\.$", text, re.MULTILINE), "not described: imported"
+    assert re.search(
+        r"^  bad +broken +ModuleNotFoundError: No module named 'no_such_module'$",
+        text,
+        re.MULTILINE,
     )
-    assert "servo_jp/jr/jv" in text
-    assert re.search(r"bad +broken", text)
+    devices = text.partition("Devices\n")[2].partition("\n\n")[0]
+    assert len(devices.splitlines()) == len(plugins.devices())
+    assert re.search(r"Simulators of no device\n  none installed", text)
+    assert re.search(r"Pages for the browser\n  web +installed", text)
+
+
+def test_list_on_a_terminal_cuts_no_trouble(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(OUT, "_width", 40)
+    monkeypatch.setattr(OUT, "_force_terminal", True)
+    assert main(["list"]) == 0
+    text = capsys.readouterr().out
     assert "No module named 'no_such_module'" in text
-    assert re.search(r"Simulators\s+ur +installed", text)
-    assert re.search(r"Pages for the browser\s+web +installed", text)
+    assert re.search(r"A gantry.*…", text)
+
+
+def test_list_says_which_extra_is_missing(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(entries, "_not_installed", lambda dist, extra: ["no-such-library"])
+    monkeypatch.setattr(entries, "described", lambda plugin: Description("is lame", "walking"))
+    assert main(["list"]) == 0
+    assert re.search(r"  tooled +needs extra walking +Is lame\.", capsys.readouterr().out)
+    main(["list", "tooled"])
+    assert "'crtk-drivers[walking]'" in capsys.readouterr().out
 
 
 def test_list_of_one_shows_commands_or_the_traceback(capsys: Capture) -> None:
@@ -282,6 +305,9 @@ def test_unknown_names_bring_a_suggestion(capsys: Capture) -> None:
     assert "Did you mean 'loopback'?" in refusal(capsys, "check", "lopback")
     assert "Did you mean 'loopback'?" in refusal(capsys, "schema", "lopback")
     assert "no simulator 'urr'" in refusal(capsys, "sim", "urr")
+    text = refusal(capsys, "list", "lopback")
+    assert "no device, simulator or page 'lopback'" in text
+    assert "Did you mean 'loopback'?" in text
 
 
 def test_a_misspelt_command_is_no_device(capsys: Capture) -> None:

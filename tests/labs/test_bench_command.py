@@ -50,7 +50,9 @@ def command(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Co
     return run
 
 
-REASON = "the machine is too busy: the bench's own timer was late by 3.9 ms, at most 2.0 ms are allowed"
+REASON = (
+    "the machine is too busy: the bench's own timer was late by 3.9 ms, at most 2.0 ms are allowed"
+)
 
 
 @pytest.mark.parametrize(("terminal", "width"), [(True, 200), (True, 80), (True, 40), (False, 40)])
