@@ -236,7 +236,8 @@ def _tell(found: Run, folder: Path) -> None:
     for device, test in found.tests:
         for measured in test.measurements:
             if measured.regressed:
-                told = f"{device.name} {test.id} {test.name}: worse than it was: {measured.told}: {measured.regressed}"
+                where = f"{device.name} {test.id} {test.name}"
+                told = f"{where}: worse than it was: {measured.told}: {measured.regressed}"
                 OUT.print(told, style="yellow", soft_wrap=True)
     if not found.complete:
         OUT.print(f"This run did not come to its end: {found.ended_by}", style="bold red")

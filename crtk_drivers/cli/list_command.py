@@ -14,7 +14,7 @@ from rich.text import Text
 from crtk_drivers import plugins
 from crtk_drivers.cli.help_pages import HelpfulCommand
 from crtk_drivers.cli.terminal import OUT, plain, sentence
-from crtk_drivers.commands import Command, Level, find, is_name
+from crtk_drivers.commands import Command, Level
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.plugins import PluginEntry

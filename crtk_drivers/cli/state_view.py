@@ -16,6 +16,7 @@ from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.survey import Report, reported, survey
 from crtk_drivers.errors import CrtkError, TransitionFailed
 from crtk_drivers.errors.wording import worded
+from crtk_drivers.ros.manifest import headline
 from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState, Status
 
@@ -56,10 +57,9 @@ def print_all() -> int:
 def print_device(device: RemoteDevice) -> int:
     """Print all that is known of a device now, and return 0."""
     status = device.operating_state()
-    about: Mapping[str, Any] = device.manifest.get("device", {})
     heading = Text(device.namespace, "bold cyan")
-    if about:
-        heading.append(f"  {about['name']} {about['address']}", "dim")
+    if about := headline(device.manifest):
+        heading.append(f"  {about}", "dim")
     OUT.print(heading, soft_wrap=True)
     report = _report(device)
     following = NEXT[status.state]

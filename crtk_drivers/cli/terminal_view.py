@@ -21,6 +21,7 @@ from crtk_drivers.client.view.watched import WatchedDevice
 from crtk_drivers.client.view.watcher import Watcher
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.kinematics.drawn import DrawnChain
+from crtk_drivers.ros.manifest import headline
 from crtk_drivers.state import Status
 
 __all__ = ["TerminalView", "bar", "sparkline"]
@@ -117,9 +118,8 @@ class TerminalView:
     def _device(self, device: WatchedDevice) -> list[RenderableType]:
         status = device.status()
         heading = Text.assemble((device.namespace, "bold cyan"), "  ", _state(device, status))
-        about = device.manifest.get("device")
-        if about:
-            heading.append(f"  {about['name']} {about['address']}", "dim")
+        if about := headline(device.manifest):
+            heading.append(f"  {about}", "dim")
         lines: list[RenderableType] = [heading]
         for thing, words, level, values in self._watcher.reports(device.namespace).values():
             rate = values.get("rate (Hz)")

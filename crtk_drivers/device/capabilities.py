@@ -155,6 +155,7 @@ class Capabilities:
 
     Attributes:
         type: what it is, for programs that choose by it: ``tracker``; empty: what its commands say.
+        model: what its maker calls it, as ``UR5e``; empty: the driver does not know before it is opened.
         joints: names, in the order of every joint vector; empty for a device without joints.
         limits: one for each joint.
         modes: the low-level modes; the core derives the CRTK commands from them.
@@ -185,6 +186,7 @@ class Capabilities:
     """
 
     type: str = ""
+    model: str = ""
     joints: tuple[str, ...] = ()
     limits: tuple[JointLimits, ...] = ()
     cartesian_limits: CartesianLimits | None = None

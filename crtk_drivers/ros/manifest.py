@@ -6,7 +6,7 @@ Published once, latched, as JSON in a std_msgs/String on ``~/crtk_capabilities``
     schema          "crtk_capabilities/1"
     crtk_version    of the message package
     driver_version  of this package
-    device          {name, address, type}: what it is, as ``tracker``, or empty
+    device          {name, address, type, model}: type as ``tracker``, model as ``UR5e``; or empty
     commands        {CRTK name: {name on ROS, type, direction, level, units, summary}}
     services        {name: {name on ROS, type, summary}}: what it does beyond CRTK
     inputs          {name: {name on ROS, type, summary}}: what it takes beyond CRTK
@@ -50,6 +50,14 @@ def driver_version() -> str:
         return "unknown"
 
 
+def headline(content: Mapping[str, Any]) -> str:
+    """Return what a device is and where, as a manifest says: ``UR5e, ur 192.168.1.10``; or empty."""
+    about = content.get("device") or {}
+    model = about.get("model", "")
+    where = f"{about.get('name', '')} {about.get('address', '')}".strip()
+    return ", ".join(filter(None, (model, where)))
+
+
 def manifest(
     engine: Engine, frames: Frames, rates: Mapping[str, float], ros_names: Mapping[str, str]
 ) -> dict[str, Any]:
@@ -80,6 +88,7 @@ def manifest(
             "name": engine.name,
             "address": engine.device.address,
             "type": capabilities.type,
+            "model": capabilities.model,
         },
         "commands": commands,
         "services": {

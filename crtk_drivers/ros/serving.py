@@ -175,7 +175,7 @@ def run(
         code = 0
         try:
             namespace = serving.driver.node.get_namespace()
-            session.recordings.place(namespace)
+            session.place(namespace)
             if served is not None:
                 served(namespace)
             _leave_out_of_collections()

@@ -60,6 +60,7 @@ class Session:
             gripper = self.children[tool.name]
             followers.append(GripLoad(self.engine, gripper, tool.payload_of_grip))
         self.page: RunningPage | None = None
+        self._scene: DeviceScene | None = None
         self.recordings = Recordings({"": self.engine, **self.children}, config)
         self._runtime = Runtime(
             ((engine, config.open_timeout) for engine in self.engines), followers
@@ -79,8 +80,14 @@ class Session:
         """
         if self.config.web:
             detail = "simulated" if self.sim else "CRTK device"
-            scene = DeviceScene(self.engine, self.children, detail)
-            self.page = start_page(plugins.page(), scene, self.config.web_port)
+            self._scene = DeviceScene(self.engine, self.children, detail)
+            self.page = start_page(plugins.page(), self._scene, self.config.web_port)
+
+    def place(self, namespace: str) -> None:
+        """Note the namespace on ROS, for recordings and the page."""
+        self.recordings.place(namespace)
+        if self._scene is not None:
+            self._scene.place = namespace
 
     def start(self) -> None:
         """Start the threads; the device is opened by them."""

@@ -79,12 +79,16 @@ class DeviceScene:
         self._views += [_EngineView(behind, name) for name, behind in children.items()]
         self._engine = engine
         self._detail = detail
+        self.place = ""
+        """Its namespace on ROS, once it has one."""
 
     def scene(self) -> Found:
         """What does not change while it is looked at; the chain is that of the kinematics in force."""
         chain = chain_of(self._engine.device)
         return {
-            "title": self._engine.name,
+            "title": " · ".join(
+                filter(None, (self._engine.capabilities.model or self._engine.name, self.place))
+            ),
             "detail": self._detail,
             "host": self._engine.device.address,
             "buttons": (),

@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-
 from rich.console import Console
 
 from crtk_drivers.cli import bench_runs

@@ -11,8 +11,10 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -224,6 +226,16 @@ def test_devices_behind_it_are_shown_by_their_names() -> None:
     assert rows(live, "gripper State")["gripper state"] == ("connecting", "fair")
     assert rows(live, "State")["state"] == ("connecting", "fair")
     assert set(scene["notes"]) == {"cycles", "gripper cycles"}
+    assert scene["title"] == "gantry"
+
+
+def test_the_title_is_model_and_namespace() -> None:
+    device = LoopbackDevice()
+    known = replace(device.capabilities, model="Gantry 3")
+    with patch.object(LoopbackDevice, "capabilities", known):
+        shown = DeviceScene(Engine(device, "gantry"), {}, "CRTK device")
+        shown.place = "/lab/gantry"
+        assert shown.scene()["title"] == "Gantry 3 · /lab/gantry"
 
 
 # ------------------------------------------------------------------------------- who may, and who is asked

@@ -25,6 +25,7 @@ from crtk_drivers.client.view.watcher import Watcher
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.kinematics.drawn import numbers_of
 from crtk_drivers.kinematics.joint_axes import matrix_of
+from crtk_drivers.ros.manifest import headline
 from crtk_drivers.samples import Array, Pose, Wrench
 from crtk_drivers.state import OperatingState
 
@@ -124,12 +125,12 @@ class ShownDevices:
         return known
 
     def _device(self, device: WatchedDevice, place: Array) -> Found:
-        chain, about = device.chain, device.manifest.get("device") or {}
+        chain = device.chain
         stop = device.manifest.get("stop") or {}
         pilot = self._pilots.get(device.namespace)
         return {
             "namespace": device.namespace,
-            "about": f"{about.get('name', '')} {about.get('address', '')}".strip(),
+            "about": headline(device.manifest),
             "joints": [
                 {"name": each["name"], "low": each.get("lower"), "high": each.get("upper")}
                 for each in device.manifest.get("joints", ())

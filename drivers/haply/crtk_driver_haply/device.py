@@ -96,6 +96,7 @@ class HaplyDevice(Device):
         self._due = 0.0
         self._messages = self._malformed = self._torques = 0
         self._capabilities = Capabilities(
+            model="Inverse3",
             modes=frozenset({Mode.CARTESIAN_EFFORT}),
             cartesian_limits=CartesianLimits(1.0, 10.0, 50.0, 500.0, config.max_force, TORQUE),
             measured=("measured_cp", "measured_cv"),

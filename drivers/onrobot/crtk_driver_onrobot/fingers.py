@@ -64,6 +64,7 @@ class FingerHand(Hand):
             effort=0.0,
         )
         self.capabilities = Capabilities(
+            model=model.title,
             joints=(config.joint,),
             limits=(limits,),
             modes=frozenset({Mode.JOINT_POSITION}),

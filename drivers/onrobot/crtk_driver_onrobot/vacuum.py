@@ -84,6 +84,7 @@ class VacuumHand(Hand):
         self._pending: dict[Command, tuple[tuple[str, ...], bool]] = {}
         self._taken: Command | None = None
         self.capabilities = Capabilities(
+            model=config.data.title,
             measured=(),
             rate=config.rate,
             stop=StopPolicy(0.0, "keeps its vacuum as long as it has power"),

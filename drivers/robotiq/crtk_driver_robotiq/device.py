@@ -113,6 +113,7 @@ class RobotiqHand(ActivatedHand[Command]):
             effort=0.0,
         )
         self.capabilities = Capabilities(
+            model=config.data.title,
             joints=(config.joint,),
             limits=(limits,),
             modes=frozenset({Mode.JOINT_POSITION}),

@@ -44,6 +44,7 @@ def capabilities_of(config: UrConfig, model: RobotModel) -> Capabilities:
     force = config.force if config.control == "native" else None
     timeout = 1.0 / config.watchdog_frequency
     return Capabilities(
+        model=model.name.replace("ur", "UR"),
         joints=JOINT_NAMES,
         limits=_joint_limits(model, servo.joint_acceleration),
         cartesian_limits=CartesianLimits(

@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
+from crtk_drivers.ros.manifest import headline
 from rigs import ur_watchdog
 from rigs.ros_client import stamp_ns
 from rigs.ur_node import UrRig, ur_on_ros
@@ -40,6 +41,8 @@ def test_only_what_the_arm_can_do_has_a_topic(ur: UrRig) -> None:
 
 def test_the_manifest_states_units_limits_and_the_stop_policy(ur: UrRig) -> None:
     content = json.loads(ur.client["crtk_driver/crtk_capabilities"].wait().data)
+    assert content["device"]["model"] == "UR5e"
+    assert headline(content) == f"UR5e, ur {content['device']['address']}"
     assert content["commands"]["servo_jp"]["type"] == "sensor_msgs/msg/JointState"
     assert content["joints"][0]["name"] == "shoulder_pan_joint"
     assert content["joints"][0]["velocity"] == pytest.approx(np.pi)

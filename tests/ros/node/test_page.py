@@ -30,7 +30,7 @@ def test_the_page_of_a_driver_is_told_and_ends_with_it(start: Start) -> None:
             assert address, records
             page = http.client.HTTPConnection(address, timeout=LONG)
             page.request("GET", "/scene.json")
-            assert json.loads(page.getresponse().read())["title"] == "loopback"
+            assert json.loads(page.getresponse().read())["title"] == "loopback · /paged"
             page.close()
             it.send_signal(signal.SIGINT)
             assert it.wait(LONG) == 0

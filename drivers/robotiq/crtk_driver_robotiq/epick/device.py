@@ -80,6 +80,7 @@ class EpickHand(ActivatedHand[Command]):
         self._status: Status | None = None
         limits = JointLimits(0.0, config.most, SUDDEN, 1e3 * SUDDEN, 1e6 * SUDDEN, 0.0)
         self.capabilities = Capabilities(
+            model="ePick",
             joints=(config.joint,),
             limits=(limits,),
             modes=frozenset({Mode.JOINT_POSITION}),
