@@ -1,4 +1,4 @@
-"""A lab's own tests of its arm: pytest --lab lab.toml."""
+"""A lab's own tests of its arm; README.md says how they are run."""
 
 import numpy as np
 import pytest

@@ -588,16 +588,8 @@ def test_the_example_runs(tmp_path: Path) -> None:
     folder = ROOT / "examples" / "lab_tests"
     said = subprocess.run(
         [
-            *(
-                sys.executable,
-                "-m",
-                "pytest",
-                "-p",
-                "crtk_drivers.testing.lab_tests",
-                "-c",
-                "/dev/null",
-            ),
-            *("-p", "no:cacheprovider", "--rootdir", str(folder), str(folder)),
+            *(sys.executable, "-m", "pytest", "-p", "crtk_drivers.testing.lab_tests"),
+            *("-p", "no:cacheprovider", str(folder)),  # whose pytest.ini makes it a root of its own
             *("--lab", str(folder / "lab.toml"), "--lab-out", str(tmp_path / "run")),
             "--inconclusive-ok",
         ],
