@@ -85,7 +85,7 @@ def print_device(device: RemoteDevice) -> int:
 def status_words(status: Status) -> Text:
     """Return the operating state with what is unusual about it, or that it is not known yet."""
     if status.connecting:
-        return Text(status.detail, "yellow")
+        return Text(worded(status.detail), "yellow")
     return Text.assemble(
         (status.state, STATE_STYLES[status.state]),
         ("  homed" if status.is_homed else "  not homed", "" if status.is_homed else "yellow"),

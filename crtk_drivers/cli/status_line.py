@@ -78,13 +78,15 @@ def _reason(status: Status, health: Health) -> Text:
     reason = Text()
     for note in health.notes:
         if note.key == ANOTHER_DRIVER:
-            reason.append("  ").append(note.text, "yellow")
+            reason.append("  ").append(worded(note.text), "yellow")
     if status.connecting:
         return reason
     if status.cause:
-        reason.append("  ").append(status.cause, "red")
+        reason.append("  ").append(worded(status.cause), "red")
     elif refused:
-        reason.append(f"  {refused} refused, last: ", "dim").append(health.last_refusal, "yellow")
+        reason.append(f"  {refused} refused, last: ", "dim").append(
+            worded(health.last_refusal), "yellow"
+        )
     return reason
 
 

@@ -108,7 +108,7 @@ class TerminalView:
                 Text.assemble(
                     (time.strftime("%H:%M:%S ", time.localtime(at)), "dim"),
                     (namespace, "bold cyan"),
-                    f" refused {refusal.command}: {refusal.message}",
+                    f" refused {refusal.command}: {worded(refusal.message)}",
                     (f"  {worded(refusal.remedy)}", "green"),
                 )
             )
@@ -127,7 +127,7 @@ class TerminalView:
                 heading.append(f"  {float(rate):.0f}/{values['expected rate (Hz)']} Hz", "dim")
             is_news = level and not (status is not None and words == status.state.value)
             if is_news:
-                lines.append(Text(f"{thing}: {words}", _LEVELS[min(level, 3)]))
+                lines.append(Text(f"{thing}: {worded(words)}", _LEVELS[min(level, 3)]))
         table = self._table(device)
         if table.row_count:
             lines.append(table)
@@ -194,7 +194,7 @@ def _state(device: WatchedDevice, status: Status | None) -> Text:
         return Text("tells no operating state", "yellow")
     words = status_words(status)
     if status.cause:
-        words.append(f"  {status.cause}", STATE_STYLES[status.state])
+        words.append(f"  {worded(status.cause)}", STATE_STYLES[status.state])
     return words
 
 

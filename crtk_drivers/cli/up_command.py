@@ -270,7 +270,9 @@ def table_of(supervisor: Supervisor) -> Table:
         cpu = f"{100.0 * child.cpu:.0f} %" if child.process is not None else ""
         restarts = str(child.restarts) if child.restarts else ""
         name = Text.assemble((child.name, "bold cyan"), (simulated, "dim"))
-        table.add_row(name, place, state, *figures, cpu, restarts, Text(told, overflow="ellipsis"))
+        table.add_row(
+            name, place, state, *figures, cpu, restarts, Text(worded(told), overflow="ellipsis")
+        )
     return table
 
 

@@ -1,7 +1,9 @@
 """Word commands as this process was started: by a clone's script, by ``uv run``, or by an installed program.
 
 Every text writes commands as ``crtk-driver ...`` and ``pip install ...``. `worded` replaces them by those
-that work for the reader. It is called where a text reaches a terminal; on topics and in JSON the text stays.
+that work for the reader. It is called where a text reaches a terminal, or a page in the browser, which is
+served on this machine only. What is for files, programs and other machines keeps the text: topics, logs in
+JSON, recordings, the output of ``crtk-driver schema``.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from crtk_drivers.device import JointLimits, Severity
 from crtk_drivers.engine import Engine
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.geometry.quaternions import rotvec_from_quaternion
 from crtk_drivers.kinematics.chain import JointKind
 from crtk_drivers.kinematics.drawn import numbers_of
@@ -278,18 +279,26 @@ class _EngineView:
             ("stream", health.stream or "none", "good" if health.stream else ""),
             ("reconnects", f"{health.reconnects}", "fair" if health.reconnects else ""),
             ("timeouts", f"{health.stream_timeouts} of streams", ""),
-            ("refused", f"{refused}, last: {health.last_refusal}" if refused else "none", ""),
+            (
+                "refused",
+                f"{refused}, last: {worded(health.last_refusal)}" if refused else "none",
+                "",
+            ),
         ]
         return {"Health": rows, "Device": self._device_rows(health)}
 
     def _device_rows(self, health: Health) -> list[Row]:
         """What the device itself tells: a note on one of its counters stands in the counter's place."""
-        words = {note.key: note.text for note in health.notes}
+        words = {note.key: worded(note.text) for note in health.notes}
         others = [note for note in health.notes if note.key not in health.device]
         worst = max((note.severity for note in health.notes), default=Severity.INFO)
         counters = grouped(health.device, words, self._engine.capabilities.joints)
         return [
-            ("notes", "\n".join(note.text for note in others) or "none", _SEVERITIES[worst]),
+            (
+                "notes",
+                "\n".join(worded(note.text) for note in others) or "none",
+                _SEVERITIES[worst],
+            ),
             ("counters", "\n".join(counters) or "none", ""),
         ]
 
@@ -303,7 +312,7 @@ def _state_rows(status: Status) -> list[Row]:
         ("state", state, "fair" if status.connecting else _STATES[status.state]),
         ("homed", "yes" if status.is_homed else "no", "" if status.is_homed else "fair"),
         ("busy", "yes" if status.is_busy else "no", ""),
-        ("reason", status.detail or "none", ""),
+        ("reason", worded(status.detail) or "none", ""),
     ]
 
 

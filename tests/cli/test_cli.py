@@ -284,6 +284,16 @@ def test_schema_is_json_when_piped(capsys: Capture) -> None:
     assert "| `rate` | number ≥ 1, ≤ 1000 | 100 |" in capsys.readouterr().out
 
 
+def test_a_schema_names_commands_as_any_machine_has_them(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(SCRIPT, "./crtk-driver")
+    assert main(["schema", "loopback"]) == 0
+    text = capsys.readouterr().out
+    assert "`crtk-driver bench`" in text
+    assert "./crtk-driver" not in text
+
+
 def test_the_reference_knows_when_it_is_out_of_date(
     tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,8 +22,10 @@ import pytest
 import crtk_drivers
 from bench.browser import BROWSER, Browser
 from crtk_drivers import plugins
+from crtk_drivers.device import Note, Severity
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, PluginError
+from crtk_drivers.errors.wording import SCRIPT
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session.scene import DeviceScene
 from crtk_drivers.testing.loopback import LoopbackDevice
@@ -227,6 +229,17 @@ def test_devices_behind_it_are_shown_by_their_names() -> None:
     assert rows(live, "State")["state"] == ("connecting", "fair")
     assert set(scene["notes"]) == {"cycles", "gripper cycles"}
     assert scene["title"] == "gantry"
+
+
+def test_commands_on_the_page_are_those_that_work_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    note = Note(Severity.WARNING, "arm", "Calibrate again: crtk-driver arm calibrate")
+    shown = DeviceScene(Engine(LoopbackDevice(), "gantry"), {}, "CRTK device")
+    monkeypatch.setenv(SCRIPT, "../crtk-driver")
+    monkeypatch.setattr(LoopbackDevice, "notes", (note,))
+    assert rows(shown.live(), "Device")["notes"] == (
+        "Calibrate again: ../crtk-driver arm calibrate",
+        "fair",
+    )
 
 
 def test_the_title_is_model_and_namespace() -> None:

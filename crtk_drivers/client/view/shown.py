@@ -23,6 +23,7 @@ from crtk_drivers.client.view.places import TF_STATIC, Frames, in_a_row
 from crtk_drivers.client.view.watched import WatchedDevice
 from crtk_drivers.client.view.watcher import Watcher
 from crtk_drivers.errors import CrtkError
+from crtk_drivers.errors.wording import worded
 from crtk_drivers.kinematics.drawn import numbers_of
 from crtk_drivers.kinematics.joint_axes import matrix_of
 from crtk_drivers.ros.manifest import headline
@@ -173,7 +174,7 @@ class ShownDevices:
             "sampled": max(stamps, default=0) / 1e6,
             "devices": {each.namespace: self._live(each, seen) for each in devices},
             "refusals": [
-                [at, where, refusal.command, refusal.message, refusal.remedy]
+                [at, where, refusal.command, worded(refusal.message), worded(refusal.remedy)]
                 for at, where, refusal in refusals
             ],
             "notices": list(self._notices),
@@ -189,7 +190,7 @@ class ShownDevices:
             "level": level,
             "homed": None if status is None else status.is_homed,
             "busy": None if status is None else status.is_busy,
-            "reason": silence or ("" if status is None else status.detail),
+            "reason": silence or ("" if status is None else worded(status.detail)),
             "health": self._health(device),
             "old": self._old(seen),
             "traces": {
@@ -218,7 +219,7 @@ class ShownDevices:
             text = (
                 words if rate is None else f"{words}, {rate} of {values['expected rate (Hz)']} Hz"
             )
-            rows.append((thing, text, _LEVELS[min(level, 3)] if level else ""))
+            rows.append((thing, worded(text), _LEVELS[min(level, 3)] if level else ""))
         return rows
 
     def _old(self, seen: Mapping[str, Seen]) -> list[str]:
@@ -299,7 +300,7 @@ class ShownDevices:
 
     def _tell(self, text: str) -> None:
         logger.info("%s", text)
-        self._notices.append((time.time(), text))
+        self._notices.append((time.time(), worded(text)))
 
 
 def _tool(seen: Mapping[str, Seen]) -> Array | None:
