@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import accumulate
@@ -79,6 +79,25 @@ def _freeze(value: object, *fields: str) -> None:
             object.__setattr__(value, name, vector(array))
 
 
+def _numbers(values: Iterable[float], unit: str = "") -> str:
+    """Return numbers in one line, rounded as people read them: ``[0.1, -1.5708] rad``."""
+    shown = ", ".join(f"{round(value, 6) + 0.0:.6g}" for value in values)
+    return f"[{shown}] {unit}".rstrip()
+
+
+def _shown(what: str, /, **parts: str) -> str:
+    """Return what a value looks like at a prompt; parts that are empty are left out."""
+    return f"{what}({', '.join(f'{part}={text}' for part, text in parts.items() if text)})"
+
+
+def _known(values: Vector, unit: str) -> str:
+    return _numbers(values.tolist(), unit) if values.size else ""
+
+
+def _quoted(text: str) -> str:
+    return repr(text) if text else ""
+
+
 @dataclass(frozen=True, slots=True)
 class Stamp:
     """When something was acquired, on two clocks.
@@ -96,7 +115,7 @@ class Stamp:
         return cls(time.time_ns(), time.monotonic())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class JointState:
     """Position, velocity and effort of joints; what is not known is empty, never zeros.
 
@@ -117,6 +136,16 @@ class JointState:
         if len(sizes) > 1:
             raise ValueError(f"joint state with vectors of different sizes: {sorted(sizes)}")
 
+    @override
+    def __repr__(self) -> str:
+        return _shown(
+            "JointState",
+            position=_known(self.position, "rad|m"),
+            velocity=_known(self.velocity, "rad/s|m/s"),
+            effort=_known(self.effort, "N·m|N"),
+            name=str(list(self.name)) if self.name else "",
+        )
+
 
 def joint_state(kind: Kind, values: Vector) -> JointState:
     """Return a joint state that holds `values` in the field that a command of `kind` fills."""
@@ -136,7 +165,7 @@ def joint_values(kind: Kind, state: JointState) -> Vector:
     return state.position
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Pose:
     """Position (3,) in m and orientation as a unit quaternion (4,) x, y, z, w, in `frame_id`."""
 
@@ -146,6 +175,15 @@ class Pose:
 
     def __post_init__(self) -> None:
         _freeze(self, "position", "orientation")
+
+    @override
+    def __repr__(self) -> str:
+        return _shown(
+            "Pose",
+            position=_known(self.position, "m"),
+            orientation=_known(self.orientation, "xyzw"),
+            frame_id=_quoted(self.frame_id),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +200,7 @@ class Poses:
         return np.concatenate(parts) if parts else EMPTY
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Twist:
     """Linear (3,) in m/s and angular velocity (3,) in rad/s, in the axes of `frame_id`."""
 
@@ -178,8 +216,17 @@ class Twist:
         """All six, linear first."""
         return np.concatenate((self.linear, self.angular))
 
+    @override
+    def __repr__(self) -> str:
+        return _shown(
+            "Twist",
+            linear=_known(self.linear, "m/s"),
+            angular=_known(self.angular, "rad/s"),
+            frame_id=_quoted(self.frame_id),
+        )
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Wrench:
     """Force (3,) in N and torque (3,) in N·m, in the axes of `frame_id`."""
 
@@ -195,12 +242,26 @@ class Wrench:
         """All six, force first."""
         return np.concatenate((self.force, self.torque))
 
+    @override
+    def __repr__(self) -> str:
+        return _shown(
+            "Wrench",
+            force=_known(self.force, "N"),
+            torque=_known(self.torque, "N·m"),
+            frame_id=_quoted(self.frame_id),
+        )
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Matrix:
     """A matrix (rows, columns), for example a Jacobian."""
 
     values: Array
+
+    @override
+    def __repr__(self) -> str:
+        rows = ", ".join(_numbers(row) for row in self.values.tolist())
+        return _shown("Matrix", values=f"[{rows}]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +313,7 @@ class AxisMode(IntEnum):
     EFFORT = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class JointServo:
     """A setpoint that may be of another kind for each joint.
 
@@ -275,6 +336,17 @@ class JointServo:
         sizes = {v.size for v in (self.position, self.velocity, self.effort) if v.size}
         if sizes - {len(self.modes)}:
             raise ValueError(f"{len(self.modes)} modes for vectors of {max(sizes)}")
+
+    @override
+    def __repr__(self) -> str:
+        return _shown(
+            "JointServo",
+            modes=f"[{', '.join(map(str, self.modes))}]",
+            position=_known(self.position, "rad|m"),
+            velocity=_known(self.velocity, "rad/s|m/s"),
+            effort=_known(self.effort, "N·m|N"),
+            name=str(list(self.name)) if self.name else "",
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -309,7 +381,7 @@ class Tolerance:
     velocity: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class JointTrajectory:
     """Points that joints go through, as a goal of FollowJointTrajectory gives them.
 
@@ -334,6 +406,13 @@ class JointTrajectory:
     path: tuple[Tolerance, ...] = ()
     goal: tuple[Tolerance, ...] = ()
     goal_time: float = 0.0
+
+    @override
+    def __repr__(self) -> str:
+        seconds = self.times[-1] if len(self.times) else 0.0
+        return (
+            f"JointTrajectory({len(self.times)} points in {seconds:g} s of {', '.join(self.name)})"
+        )
 
 
 Value = (
@@ -413,7 +492,7 @@ class OnDemand(Mapping[str, Value], Generic[Source]):
         return len(self._makers)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Sample:
     """One reading of a device: everything in it was acquired at the same instant.
 
@@ -437,6 +516,13 @@ class Sample:
                     index = next((i for i, n in enumerate(numbers) if not math.isfinite(n)), 0)
                     return f"{name} {part}[{index}] is {numbers[index]:g}"
         return ""
+
+    @override
+    def __repr__(self) -> str:
+        if self.stamp.wall_ns == 0:
+            return f"Sample(not valid: {', '.join(self.values)})"
+        age = time.monotonic() - self.stamp.monotonic
+        return f"Sample({age:.3f} s old: {', '.join(self.values)})"
 
 
 _MEASURED_PARTS: Mapping[type, tuple[str, ...]] = {

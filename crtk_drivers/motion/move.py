@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from typing_extensions import override
+
 from crtk_drivers.errors import MotionAborted
 from crtk_drivers.samples import JointState
 
@@ -62,6 +64,11 @@ class Move:
         self._told: list[Callable[[], None]] = []
         self._lock = threading.Lock()
         self._ended = threading.Event()
+
+    @override
+    def __repr__(self) -> str:
+        reason = f": {self.reason}" if self.reason else ""
+        return f"<{self.name} {self.outcome}{reason}>"
 
     def finish(self, outcome: Outcome, reason: str = "") -> None:
         """Record the end; the first one counts."""

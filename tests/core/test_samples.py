@@ -1,5 +1,6 @@
 """Frozen values."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,13 @@ from hypothesis import strategies as st
 from crtk_drivers.commands import Kind
 from crtk_drivers.samples import (
     EMPTY,
+    AxisMode,
+    JointServo,
     JointState,
+    Matrix,
     Pose,
+    Sample,
+    Stamp,
     Twist,
     Wrench,
     joint_state,
@@ -108,3 +114,40 @@ def test_what_is_not_known_is_empty() -> None:
     state = JointState()
     assert state.position is EMPTY
     assert not EMPTY.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (JointState(), "JointState()"),
+        (
+            JointState(position=vector([0.1, -1.57079632]), name=("a", "b")),
+            "JointState(position=[0.1, -1.5708] rad|m, name=['a', 'b'])",
+        ),
+        (
+            Pose(vector([1e-12, -0.0, np.nan]), vector([0, 0, 0, 1]), "base"),
+            "Pose(position=[0, 0, nan] m, orientation=[0, 0, 0, 1] xyzw, frame_id='base')",
+        ),
+        (Twist(np.ones(3), np.zeros(3)), "Twist(linear=[1, 1, 1] m/s, angular=[0, 0, 0] rad/s)"),
+        (
+            Wrench(vector([12345.678, 0, -0.25]), np.zeros(3), "tool"),
+            "Wrench(force=[12345.7, 0, -0.25] N, torque=[0, 0, 0] N·m, frame_id='tool')",
+        ),
+        (Matrix(np.eye(2)), "Matrix(values=[[1, 0], [0, 1]])"),
+        (
+            JointServo((AxisMode.POSITION, 7), position=vector([1, 2])),
+            "JointServo(modes=[1, 7], position=[1, 2] rad|m)",
+        ),
+    ],
+    ids=lambda each: type(each).__name__,
+)
+def test_a_value_shows_itself_in_one_line_with_units(value: Any, shown: str) -> None:
+    assert repr(value) == shown
+
+
+def test_a_sample_shows_its_age() -> None:
+    values = {"measured_js": JointState()}
+    now = Stamp.now()
+    old = Sample(Stamp(now.wall_ns, now.monotonic - 2.0), values)
+    assert re.fullmatch(r"Sample\([2-9]\.\d{3} s old: measured_js\)", repr(old))
+    assert repr(Sample(Stamp(0, now.monotonic), values)) == "Sample(not valid: measured_js)"
