@@ -25,6 +25,14 @@ from crtk_drivers.cli.terminal import print_error
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
 from crtk_drivers.errors.wording import by_script, program
 
+_NAME = "crtk-driver"
+"""As the program is installed."""
+
+_COMPLETE = "_CRTK_DRIVER_COMPLETE"
+"""The variable in which a shell's completion asks for what may be typed next."""
+
+_FOR_SHELLS = frozenset({"--install-completion", "--show-completion"})
+
 _USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
 
 
@@ -67,9 +75,8 @@ class Invocation:
 
 
 app = typer.Typer(
-    name="crtk-driver",
+    name=_NAME,
     cls=DeviceGroup,
-    add_completion=False,
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
@@ -139,16 +146,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     invocation = split_arguments(sys.argv[1:] if arguments is None else arguments)
     command: Any = typer.main.get_command(app)
+    is_completing = _COMPLETE in os.environ
+    # A shell knows the program by its name, however this clone's script or `uv run` started it.
+    is_for_shells = is_completing or bool(_FOR_SHELLS.intersection(invocation.arguments[:1]))
     try:
         code = command.main(
             args=invocation.arguments,
-            prog_name=program(),
+            prog_name=_NAME if is_for_shells else program(),
+            complete_var=_COMPLETE,
             standalone_mode=True,
             obj=invocation,
         )
     except SystemExit as end:
         code = end.code
     except CrtkError as error:
+        if is_completing:  # what is wrong is said when the command is run
+            return 1
         if invocation.debug:
             traceback.print_exception(error)
         print_error(error)

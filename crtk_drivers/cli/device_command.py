@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import typer
 
 from crtk_drivers.cli.coupled_on_ros import coupled_on_ros
+from crtk_drivers.cli.help_pages import completed_from
 from crtk_drivers.cli.launch import Launch, launch_of, launch_options
 from crtk_drivers.cli.log_setup import LEVELS, LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import StatusLine
@@ -63,6 +64,7 @@ LOG_OPTIONS: Parameters = (
         "info",
         "--log-level",
         metavar="|".join(LEVELS),
+        autocompletion=completed_from(lambda: LEVELS),
         help="Least severe records that are shown. [dim]\\[default: info][/dim]",
         show_default=False,
     ),

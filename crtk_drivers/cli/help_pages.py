@@ -7,7 +7,7 @@ also has Ctrl-C raise KeyboardInterrupt while the command runs.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -36,6 +36,24 @@ class Listed:
 
     summary: str
     panel: str
+
+
+@dataclass(frozen=True)
+class Completion:
+    """What a shell may complete a word to, with its explanation: click reads these names."""
+
+    value: str
+    help: str
+    type: str = "plain"
+
+
+def completed_from(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return what a shell's completion calls for a value that is one of `names`."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in names() if name.startswith(incomplete)]
+
+    return complete
 
 
 class _StableNames:
@@ -74,6 +92,19 @@ class HelpfulGroup(_StableNames, TyperGroup):
     def more_sections(self) -> Mapping[str, Rows]:
         """Return what its page has below its options, by heading."""
         return {}
+
+    @override
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """Return the commands that begin so, as they are listed: no module is imported for it."""
+        if incomplete.startswith("-"):
+            return super().shell_complete(ctx, incomplete)
+        names = [name for name in self.list_commands(ctx) if name.startswith(incomplete)]
+        listed = ((name, self.listed(ctx, name)) for name in names)
+        return [
+            Completion(name, Text.from_markup(row.summary, emoji=False).plain)
+            for name, row in listed
+            if row is not None
+        ]
 
     @override
     def format_help(self, ctx: Any, formatter: Any) -> None:

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.help_pages import HelpfulCommand
+from crtk_drivers.cli.help_pages import HelpfulCommand, completed_from
 from crtk_drivers.cli.terminal import OUT, plain, sentence
 from crtk_drivers.commands import Command, Level
 from crtk_drivers.errors import MissingExtra
@@ -26,7 +26,13 @@ _KINDS = {plugins.DEVICES: "device", plugins.SIMS: "simulator", plugins.PAGES: "
 
 @app.command("list", cls=HelpfulCommand)
 def _list(
-    name: Annotated[str | None, typer.Argument(help="Show all that is known of one.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            help="Show all that is known of one.",
+            autocompletion=completed_from(lambda: {**plugins.devices(), **plugins.sims()}),
+        ),
+    ] = None,
 ) -> None:
     """List the devices and simulators, and whether they can be used."""
     raise typer.Exit(list_plugins(name))

@@ -9,7 +9,7 @@ import typer
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.config_reference import device_tables, table_of
-from crtk_drivers.cli.help_pages import HelpfulCommand
+from crtk_drivers.cli.help_pages import HelpfulCommand, completed_from
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.config import with_node
 from crtk_drivers.labs.lab_file import LabSettings
@@ -22,7 +22,13 @@ LAB: Final = "lab"
 
 @app.command("schema", cls=HelpfulCommand)
 def _schema(
-    name: Annotated[str, typer.Argument(help="Of the device; lab: of a lab file.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="Of the device; lab: of a lab file.",
+            autocompletion=completed_from(lambda: (*plugins.devices(), LAB)),
+        ),
+    ],
     markdown: Annotated[bool, typer.Option("--markdown", help="As tables for people.")] = False,
 ) -> None:
     """Print the JSON schema of a device's configuration."""

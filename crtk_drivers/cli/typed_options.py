@@ -11,6 +11,7 @@ import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -18,7 +19,7 @@ import typer
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
+from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup, completed_from
 from crtk_drivers.cli.terminal import plain, sentence
 from crtk_drivers.config import Layer, typed_value
 from crtk_drivers.config.keys import annotation_of, choices_of, description_of, setting_names
@@ -168,6 +169,7 @@ def setting_options(
                 help=setting.help,
                 metavar=None if is_flag else setting.metavar,
                 rich_help_panel=panel_of(setting.name),
+                autocompletion=completed_from(partial(tuple, setting.choices)),
             )
         )
     return parameters
