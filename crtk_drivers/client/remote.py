@@ -26,8 +26,14 @@ from crtk_drivers.client.move_handle import RemoteMove
 from crtk_drivers.client.space import NotOffered, Space
 from crtk_drivers.client.state_commands import Transition
 from crtk_drivers.commands import CHILDREN, Command, Level, Payload, find, is_name
-from crtk_drivers.errors import CommandRefused, ConnectionFailed, ConnectionLost, DataTimeout
-from crtk_drivers.front.base import PARTS, DeviceFront, Reader
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionFailed,
+    ConnectionLost,
+    DataTimeout,
+)
+from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader
+from crtk_drivers.front.method_forms import documented, form_of
 from crtk_drivers.front.payloads import value_for
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
@@ -38,6 +44,9 @@ if TYPE_CHECKING:
     from crtk_drivers.client.announcements import StatusTracker
     from crtk_drivers.client.inbox import Inbox, Received
     from crtk_drivers.client.ros_link import Caller, Outbox
+    from crtk_drivers.front.kinds import AnyDevice
+else:
+    AnyDevice = object  # the methods are made at their first use
 
 CONNECT_TIMEOUT = 10.0
 """Seconds in which a device, or the other end of a topic, must be found."""
@@ -47,11 +56,14 @@ GRACE = 0.1
 """Seconds in which the refusal of `hold` or `free` arrives: there is no other answer to them."""
 
 
-class RemoteDevice(DeviceFront):
+class RemoteDevice(DeviceFront, AnyDevice):
     """A device in a ROS namespace. Made by `connect`; close it, or use it in a ``with`` statement.
 
     Thread-safe. Nothing waits for ever: what waits has a timeout, or ends when the device is gone.
     """
+
+    if not TYPE_CHECKING:
+        __doc__ = OfferedDoc(__doc__)
 
     def __init__(self, space: Space, prefix: str = "") -> None:
         self._space = space
@@ -65,6 +77,17 @@ class RemoteDevice(DeviceFront):
         """Leave ROS. The device goes on as it is: neither stopped nor disabled."""
         self._space.link.close()
 
+    @override
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.namespace!r} {self._space.condition}>"
+
+    @override
+    def __dir__(self) -> Iterable[str]:
+        """Return the names of methods, also of those that are made at their first use."""
+        offered = list(self.summaries())
+        parts = [part for part, (whole, _) in PARTS.items() if whole in offered]
+        return {*super().__dir__(), *(name.partition("/")[0] for name in offered), *parts}
+
     @property
     def namespace(self) -> str:
         """Where it is on ROS."""
@@ -76,30 +99,38 @@ class RemoteDevice(DeviceFront):
         return self._space.catalogue.manifest
 
     @property
+    @override
     def crtk_commands(self) -> Mapping[str, Command]:
         """The CRTK names that this device offers now."""
         return {name: feature.command for name, feature in self._space.features().items()}
 
+    @override
+    def summaries(self) -> Mapping[str, str]:
+        """Return what the device offers now, with one line for each name; nothing once this is closed."""
+        return super().summaries() if self._space.link.is_open else {}
+
     # -------------------------------------------------------------------------------- à la carte
 
-    def __getattr__(self, name: str) -> Any:
-        """Make a CRTK method or a sub-namespace when it is first used."""
-        if name.startswith("_"):
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        try:
-            if name in CHILDREN:
-                return self.child(name, timeout=None if self._space.tells_of(name) else 0.0)
-            if name not in PARTS and not self._is_name(name):
-                raise NotOffered(f"{type(self).__name__} has no attribute {name!r}")
-            method = self._make(name)
-        except NotOffered as error:
-            raise AttributeError(str(error)) from None
-        except ConnectionFailed:
-            if name not in CHILDREN:
-                raise
-            raise AttributeError(f"{self.namespace} has nothing in {name}/") from None
-        setattr(self, name, method)
-        return method
+    if not TYPE_CHECKING:  # to a type checker a name that is not listed is a mistake
+
+        def __getattr__(self, name: str) -> Any:
+            """Make a CRTK method or a sub-namespace when it is first used."""
+            if name.startswith("_"):
+                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+            try:
+                if name in CHILDREN:
+                    return self.child(name, timeout=None if self._space.tells_of(name) else 0.0)
+                if name not in PARTS and not self._is_name(name):
+                    raise NotOffered(f"{type(self).__name__} has no attribute {name!r}")
+                method = self._make(name)
+            except NotOffered as error:
+                raise AttributeError(str(error)) from None
+            except ConnectionFailed:
+                if name not in CHILDREN:
+                    raise
+                raise AttributeError(f"{self.namespace} has nothing in {name}/") from None
+            setattr(self, name, method)
+            return method
 
     def add(self, *names: str, timeout: float | None = None) -> Self:
         """Set these CRTK names up now, instead of at their first use, and wait until all are connected.
@@ -127,6 +158,7 @@ class RemoteDevice(DeviceFront):
         self.check_connections(max(0.0, deadline - time.monotonic()))
         return self
 
+    @override
     def child(self, name: str, timeout: float | None = None) -> RemoteDevice:
         """Return the device in a sub-namespace, for example ``gripper``; it need not be a CRTK word.
 
@@ -158,10 +190,10 @@ class RemoteDevice(DeviceFront):
 
     def _make(self, name: str) -> Callable[..., Any]:
         whole, field = PARTS.get(name, (name, ""))
-        command = self._command(whole)
-        method = self._method(whole, command, field)
+        method = self._method(whole, self._command(whole), field)
         method.__name__ = name
-        return method
+        full = f"{self._prefix}{whole}"
+        return documented(method, form_of(find(full if is_name(full) else whole), field))
 
     # --------------------------------------------------------------------------------- feedback
 

@@ -293,6 +293,11 @@ class Link:
         self._thread.start()
         atexit.register(self.close)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether neither it was closed nor ROS shut down."""
+        return not self._stop.is_set() and bool(self.node.context.ok())
+
     def close(self) -> None:
         """End everything that this link made. May be called twice; not from a callback."""
         atexit.unregister(self.close)

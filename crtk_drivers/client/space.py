@@ -266,6 +266,22 @@ class Space:
         return self.tracker
 
     @property
+    def condition(self) -> str:
+        """Closed, or the operating state as heard last, or why none is heard. It never waits."""
+        if not self.link.is_open:
+            return "closed"
+        space: Space | None = self
+        while space is not None and space.tracker is None:
+            space = space.parent
+        if space is None or space.tracker is None or not space.tracker.has_status:
+            return "(its operating state was not asked for yet)"
+        try:
+            lost = space.tracker.lost()
+        except RuntimeError:  # rclpy's, where somebody has destroyed the node that was given to us
+            return "closed"
+        return f"lost: {lost}" if lost else str(space.tracker.latest.state)
+
+    @property
     def hears_status(self) -> bool:
         """Whether `status` has nothing to wait for."""
         tracker = self.state_teller.tracker

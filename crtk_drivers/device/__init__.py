@@ -14,6 +14,7 @@ from crtk_drivers.device.capabilities import (
     StopPolicy,
     mode_of,
 )
+from crtk_drivers.device.device_kind import DeviceKind
 from crtk_drivers.device.extras import (
     READINGS,
     Answer,
@@ -35,6 +36,7 @@ __all__ = [
     "CartesianLimits",
     "Condition",
     "Device",
+    "DeviceKind",
     "Following",
     "Goal",
     "Input",

@@ -159,14 +159,14 @@ def _features(device: Device) -> frozenset[str]:
 
 _STATE = frozenset({"operating_state", "state_command"})
 
-_IN_OWN_BASE = ("measured_cp", "setpoint_cp", "forward_kinematics")
+IN_OWN_BASE = ("measured_cp", "setpoint_cp", "forward_kinematics")
 """What is told in ``local/`` too, whether the device's own base is the base frame or not."""
 
 _MOVING = frozenset({Kind.RELATIVE, Kind.VELOCITY, Kind.EFFORT})
 
 
-def _in_frames(command: Command) -> tuple[str, ...]:
-    """Return the frames in which a Cartesian command or value of the base frame is offered as well."""
+def in_frames(command: Command) -> tuple[str, ...]:
+    """Return the frames in which a Cartesian command or value of the base frame may be offered as well."""
     if command.base_name == "jacobian":
         return ("body", "spatial")
     if command.space is not Space.CARTESIAN or command.level is Level.GOAL:
@@ -185,10 +185,10 @@ def offered(device: Device) -> Mapping[str, Command]:
             names[name] = None
     if KINEMATICS in features or "measured_cp" in names:
         for name in [name for name in names if "/" not in name]:
-            for frame in _in_frames(find(name)):
+            for frame in in_frames(find(name)):
                 if frame != "local" or BASE in features:
                     names[f"{frame}/{name}"] = None
-    names.update((f"local/{name}", None) for name in _IN_OWN_BASE if name in names)
+    names.update((f"local/{name}", None) for name in IN_OWN_BASE if name in names)
     if "body/servo_cf" not in names:
         names.pop(WRENCH_AXES, None)
     order = {name: index for index, name in enumerate(COMMANDS)}
@@ -217,6 +217,6 @@ def missing_for(name: str, device: Device) -> str:
     if alternatives is None:
         return "Its samples hold no such value."
     features = _features(device)
-    extra = {BASE} if command.frame == "local" and command.base_name not in _IN_OWN_BASE else set()
+    extra = {BASE} if command.frame == "local" and command.base_name not in IN_OWN_BASE else set()
     lacks = (" and ".join(sorted((needs | extra) - features)) for needs in alternatives)
     return f"It would need {', or '.join(lacks)}."

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from inspect import cleandoc
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Payload
+from crtk_drivers.front.method_forms import (
+    DEFAULT_AGE,
+    DEFAULT_WAIT,
+    QUERY_TIMEOUT,
+    summary_of,
+)
 from crtk_drivers.geometry.conversions import as_pose
 from crtk_drivers.samples import EMPTY, Number, Pose, Vector, vector
 from crtk_drivers.state import OperatingState, StateCommand, Status
@@ -25,24 +32,14 @@ PARTS: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """``measured_jp`` is the position of ``measured_js``."""
 
-DEFAULT_AGE = 0.1
-"""Seconds that feedback may be old unless `age` says otherwise."""
-
-DEFAULT_WAIT = 1.0
-"""Seconds to wait for fresh feedback unless `wait` says otherwise."""
-
-QUERY_TIMEOUT = 5.0
-"""Seconds in which a kinematics service must answer, unless `timeout` says otherwise."""
-
 Reader = Callable[[float, float], tuple[Any, int]]
 """Reads a feedback at most so many seconds old, waiting at most so many: the value, and its stamp in ns."""
 
 
-class DeviceFront(ABC):
-    """CRTK names and the operating state as methods, and the life cycle.
+class Operated(Protocol):
+    """What every device has, of whatever kind: the life cycle and the operating state.
 
-    Closed at the end of a ``with`` statement. `_reader`, `_sender` and `_query` carry values to the device
-    and back; the methods that users call are made of these.
+    Closed at the end of a ``with`` statement.
     """
 
     def __enter__(self) -> Self:
@@ -54,6 +51,11 @@ class DeviceFront(ABC):
     @abstractmethod
     def close(self) -> None:
         """Let the device go."""
+
+    @property
+    @abstractmethod
+    def crtk_commands(self) -> Mapping[str, Command]:
+        """The CRTK names that this device offers."""
 
     @abstractmethod
     def operating_state(self) -> Status:
@@ -120,7 +122,38 @@ class DeviceFront(ABC):
         """Forget the reference positions. See `state_command`."""
         self.state_command(StateCommand.UNHOME, timeout)
 
-    # ------------------------------------------------------------------------------------ CRTK names
+
+class OfferedDoc:
+    """The docstring of a class; for an object of it, also what that offers: ``help(arm)``.
+
+    Args:
+        text: the docstring.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._text = cleandoc(text)
+
+    def __get__(self, device: DeviceFront | None, owner: type) -> str:
+        if device is None:
+            return self._text
+        offered = device.summaries()
+        width = max(map(len, offered), default=0)
+        lines = (
+            f"    {name.replace('/', '.'):{width}}  {summary}" for name, summary in offered.items()
+        )
+        return "\n".join((f"{self._text}\n\nIt offers:\n", *lines))
+
+
+class DeviceFront(Operated, ABC):
+    """A device whose CRTK names are methods.
+
+    `_reader`, `_sender` and `_query` carry values to the device and back; the methods that users call are
+    made of these.
+    """
+
+    def summaries(self) -> Mapping[str, str]:
+        """Return what the device offers, with one line for each name."""
+        return {name: summary_of(command) for name, command in self.crtk_commands.items()}
 
     @abstractmethod
     def _reader(self, name: str) -> Reader:
@@ -144,8 +177,6 @@ class DeviceFront(ABC):
             method = _forward(self._query(name, command))
         else:
             method = _inverse(self._query(name, command))
-        part = f"the {field} of {name}: " if field else ""
-        method.__doc__ = f"{part}{command.summary} ({command.units})."
         return method
 
 

@@ -13,11 +13,12 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from typing_extensions import override
 
@@ -28,7 +29,16 @@ from crtk_drivers.device import Reading
 from crtk_drivers.device.offered import missing_for
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, DataTimeout, TransitionFailed
-from crtk_drivers.front.base import PARTS, DeviceFront, Reader
+from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader
+from crtk_drivers.front.method_forms import (
+    SERVICE_TIMEOUT,
+    documented,
+    first_line,
+    form_of,
+    form_of_input,
+    form_of_reading,
+    form_of_service,
+)
 from crtk_drivers.front.payloads import converted, value_for
 from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.plugins import RunningSim
@@ -46,13 +56,15 @@ from crtk_drivers.state import StateCommand, Status, target_of
 from crtk_drivers.status.health import Health
 from crtk_drivers.status.throttle import Throttle
 
+if TYPE_CHECKING:
+    from crtk_drivers.front.kinds import AnyDevice
+else:
+    AnyDevice = object  # a device gets the methods that it offers when it is made
+
 logger = logging.getLogger(__name__)
 
 LOG_INTERVAL = 2.0
 """Seconds in which a refusal of one kind is logged once."""
-
-SERVICE_TIMEOUT = 30.0
-"""Seconds to wait for a device's own service."""
 
 _OPERATING_STATE, _STATE_COMMAND = "operating_state", "state_command"
 """Names whose methods every front has, see `DeviceFront`."""
@@ -112,11 +124,8 @@ class _StatusWatch(Observer):
                 self._waits.remove(wait)
 
 
-class LocalDevice(DeviceFront):
-    """A device in this process. Made by `connect`; close it, or use it in a ``with`` statement.
-
-    A device behind it is an attribute and closed with it: ``arm.gripper.move_jp(0.02)``.
-    """
+class LocalFront(DeviceFront):
+    """What a device in this process has, of whatever kind. See `LocalDevice`."""
 
     def __init__(self, session: Session, child: str = "") -> None:
         self._session = session
@@ -126,15 +135,13 @@ class LocalDevice(DeviceFront):
         self._engine.add_observer(self._watch)
         for name, command in self._engine.commands.items():
             self._add(name, command)
-        for name, service in self._engine.services.items():
-            self._attach(name, partial(self._request, name), service.summary)
-        for name, taken in self._engine.inputs.items():
-            self._attach(name, partial(self._give, name, taken.payload), taken.summary)
-        for name, reading in self._engine.readings.items():
-            self._attach(reading.told_as(name), partial(self._told, name, reading), reading.summary)
-        if not child:
-            for behind in session.children:
-                setattr(self, behind, LocalDevice(session, behind))
+        self._extras = dict(self._made_extras())
+        for name, method in self._extras.items():
+            self._attach(name, method)
+        self._children = {
+            behind: LocalDevice(session, behind) for behind in session.children if not child
+        }
+        vars(self).update(self._children)
 
     # ----------------------------------------------------------------------------------- life cycle
 
@@ -144,18 +151,28 @@ class LocalDevice(DeviceFront):
         self._client.leave()
         self._session.close()
 
-    def __getattr__(self, name: str) -> Any:
-        """Explain why a CRTK name is absent on this device."""
-        if name.startswith("_"):
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        if not is_name(name):
-            raise AttributeError(f"{self._engine.name} has no {name}. {self._instead(name)}")
+    @override
+    def __repr__(self) -> str:
         engine = self._engine
-        others = [other for other in plugins.devices() if name in plugins.commands_of(other)]
-        hint = f" Devices that offer it: {', '.join(others)}." if others else ""
-        raise AttributeError(
-            f"{engine.name} does not offer {name}. {missing_for(name, engine.device)}{hint}"
-        )
+        kind = self._session.plugin.name
+        name = "" if engine.name == kind else f" {engine.name!r}"
+        state = "closed" if self._session.is_closed else engine.status.state
+        return f"<{kind}{name} {state} at {engine.device.address}>"
+
+    if not TYPE_CHECKING:  # to a type checker a name that is not listed is a mistake
+
+        def __getattr__(self, name: str) -> Any:
+            """Explain why a CRTK name is absent on this device."""
+            if name.startswith("_"):
+                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+            if not is_name(name):
+                raise AttributeError(f"{self._engine.name} has no {name}. {self._instead(name)}")
+            engine = self._engine
+            others = [other for other in plugins.devices() if name in plugins.commands_of(other)]
+            hint = f" Devices that offer it: {', '.join(others)}." if others else ""
+            raise AttributeError(
+                f"{engine.name} does not offer {name}. {missing_for(name, engine.device)}{hint}"
+            )
 
     def _instead(self, name: str) -> str:
         """Return which names are near one that is none of CRTK's, and where all of them are listed."""
@@ -167,6 +184,7 @@ class LocalDevice(DeviceFront):
         return f"{meant}{listed}crtk_commands has all that it offers."
 
     @property
+    @override
     def crtk_commands(self) -> Mapping[str, Command]:
         """The CRTK names that this device offers."""
         return self._engine.commands
@@ -191,6 +209,31 @@ class LocalDevice(DeviceFront):
         """Address of the page that shows the device in a browser; empty without ``web=True``."""
         page = self._session.page
         return "" if page is None else page.address
+
+    @property
+    def extras(self) -> Mapping[str, Callable[..., Any]]:
+        """What it has beyond CRTK: ``arm.extras["tool_voltage"](24)`` is ``arm.tool_voltage(24)``."""
+        return MappingProxyType(self._extras)
+
+    def child(self, name: str) -> LocalDevice:
+        """Return a device behind it: ``arm.child("gripper")`` is ``arm.gripper``.
+
+        Raises:
+            ConnectionFailed: there is no such device.
+        """
+        if name not in self._children:
+            raise ConnectionFailed(
+                f"there is no device {name!r} behind it",
+                where=self._engine.where,
+                remedy=f"There is: {', '.join(self._children) or 'none'}.",
+            )
+        return self._children[name]
+
+    @override
+    def summaries(self) -> Mapping[str, str]:
+        """Return what the device offers, with one line for each name; also what is beyond CRTK."""
+        own = {name: first_line(method.__doc__ or "") for name, method in self._extras.items()}
+        return {**super().summaries(), **own}
 
     def health(self) -> Health:
         """Return the counters: rate, late cycles, refusals by reason, ..."""
@@ -241,41 +284,75 @@ class LocalDevice(DeviceFront):
     def _add(self, name: str, command: Command) -> None:
         if name in (_OPERATING_STATE, _STATE_COMMAND):
             return
-        self._attach(name, self._method(name, command))
+        self._attach(name, documented(self._method(name, command), form_of(command)))
         for part, (whole, field) in PARTS.items():
             if whole == name:
-                self._attach(part, self._method(name, command, field))
+                form = form_of(command, field)
+                self._attach(part, documented(self._method(name, command, field), form))
 
-    def _request(self, name: str, timeout: float = SERVICE_TIMEOUT) -> str:
-        return self._engine.request(name).wait(timeout)
-
-    def _give(self, name: str, payload: Payload, value: Any) -> None:
-        where = self._engine.where
-        self._engine.give(name, self._reported(lambda: converted(name, payload, value, where)))
-
-    def _told(self, name: str, reading: Reading) -> Any:
-        value = reading.tell()
-        if value is None:
-            raise DataTimeout(
-                f"{reading.told_as(name)}: not known now; the device is {self._engine.status.state}",
-                where=self._engine.where,
-                remedy="Is the device connected, and does it report this?",
-            )
-        match value:
-            case Number() | Flag() | Text():
-                return value.value
-            case Numbers():
-                return value.values
-        return value
-
-    def _attach(self, name: str, method: Any, doc: str = "") -> None:
-        method.__name__ = name
-        method.__doc__ = doc or method.__doc__
+    def _attach(self, name: str, method: Callable[..., Any]) -> None:
         owner: Any = self
         *spaces, last = name.split("/")
+        method.__name__ = last
         for space in spaces:
             owner = vars(owner).setdefault(space, _SubNamespace(self, space))
         setattr(owner, last, method)
+
+    # ---------------------------------------------------------------------------------- beyond CRTK
+
+    def _made_extras(self) -> Iterator[tuple[str, Callable[..., Any]]]:
+        """Return the methods of the device's own services, inputs and readings, by their names."""
+        for name, service in self._engine.services.items():
+            yield name, documented(self._requester(name), form_of_service(service.summary))
+        for name, taken in self._engine.inputs.items():
+            yield (
+                name,
+                documented(
+                    self._giver(name, taken.payload), form_of_input(taken.summary, taken.payload)
+                ),
+            )
+        for name, reading in self._engine.readings.items():
+            told_as = reading.told_as(name)
+            yield (
+                told_as,
+                documented(
+                    self._teller(told_as, reading),
+                    form_of_reading(reading.summary, reading.payload),
+                ),
+            )
+
+    def _requester(self, name: str) -> Callable[..., str]:
+        def request(timeout: float = SERVICE_TIMEOUT) -> str:
+            return self._engine.request(name).wait(timeout)
+
+        return request
+
+    def _giver(self, name: str, payload: Payload) -> Callable[[Any], None]:
+        def give(value: Any) -> None:
+            where = self._engine.where
+            self._engine.give(name, self._reported(lambda: converted(name, payload, value, where)))
+
+        return give
+
+    def _teller(self, name: str, reading: Reading) -> Callable[[], Any]:
+        def tell() -> Any:
+            value = reading.tell()
+            if value is None:
+                raise DataTimeout(
+                    f"{name}: not known now; the device is {self._engine.status.state}",
+                    where=self._engine.where,
+                    remedy="Is the device connected, and does it report this?",
+                )
+            match value:
+                case Number() | Flag() | Text():
+                    return value.value
+                case Numbers():
+                    return value.values
+            return value
+
+        return tell
+
+    # -------------------------------------------------------------------- values to and from the device
 
     @override
     def _reader(self, name: str) -> Reader:
@@ -335,6 +412,16 @@ class LocalDevice(DeviceFront):
         return lambda pose, reference, _: engine.inverse_kinematics(pose, reference)
 
 
+class LocalDevice(LocalFront, AnyDevice):
+    """A device in this process. Made by `connect`; close it, or use it in a ``with`` statement.
+
+    A device behind it is an attribute and closed with it: ``arm.gripper.move_jp(0.02)``.
+    """
+
+    if not TYPE_CHECKING:
+        __doc__ = OfferedDoc(__doc__)
+
+
 class _RefusalWatch(Observer):
     """Collects the refusals of the state command that has a stamp."""
 
@@ -351,7 +438,7 @@ class _RefusalWatch(Observer):
 class _SubNamespace:
     """Holds the methods of a sub-namespace: ``arm.local.measured_cp()``."""
 
-    def __init__(self, device: LocalDevice, name: str) -> None:
+    def __init__(self, device: LocalFront, name: str) -> None:
         self._device = device
         self._name = name
 

@@ -6,14 +6,18 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from crtk_drivers.commands import Command, Kind, Payload
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.geometry.conversions import as_pose
 from crtk_drivers.samples import (
     VALUE_TYPES,
     Flag,
+    JointState,
     Number,
     Numbers,
+    Pose,
     Text,
     Twist,
     Value,
@@ -21,6 +25,18 @@ from crtk_drivers.samples import (
     joint_state,
     vector,
 )
+
+JointsLike = ArrayLike | JointState
+"""What a command of joints takes."""
+
+PoseLike = Pose | ArrayLike
+"""What a command of a pose takes; a PyKDL.Frame and a pinocchio.SE3 too, whose libraries have no types."""
+
+TwistLike = Twist | ArrayLike
+"""What a command of a velocity of the tool takes."""
+
+WrenchLike = Wrench | ArrayLike
+"""What a command of a force and torque takes."""
 
 _HELP: Mapping[Payload, str] = MappingProxyType(
     {

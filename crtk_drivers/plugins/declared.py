@@ -18,7 +18,7 @@ from crtk_drivers.config import (
     from_values,
     load,
 )
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins.finder import Finder
 from crtk_drivers.plugins.sim_plugin import RunningSim
@@ -158,6 +158,8 @@ class DevicePlugin:
             cannot hang at one.
         tool_line: how the serial line of the tool is to be for it, by the keys that the arm has for that.
         is_model: it is computed in this process, and no hardware is behind it.
+        kind: which commands a type checker knows of a device of this distribution, see
+            `crtk_drivers.front.kinds`.
     """
 
     name: str
@@ -183,6 +185,7 @@ class DevicePlugin:
     tool_line: Mapping[str, Any] = field(default_factory=dict)
     is_model: bool = False
     link: LinkAccess | None = None
+    kind: DeviceKind = DeviceKind.ANY
 
     def make(self, config: DeviceConfig) -> Device:
         """Return the device of a configuration, with the kinematics, the space and the place that it names.

@@ -35,11 +35,13 @@ class Session:
         page: that shows it in a browser; None if the configuration wants none.
         recordings: of it.
         children: of the devices behind it, by the name of their sub-namespace.
+        is_closed: `close` was called.
     """
 
     def __init__(
         self, plugin: DevicePlugin, config: DeviceConfig, sim: RunningSim | None = None
     ) -> None:
+        self.is_closed = False
         self.plugin = plugin
         self.config = config
         self.sim = sim
@@ -96,6 +98,7 @@ class Session:
 
     def close(self, timeout: float = 1.5) -> None:
         """Leave the device holding, end the threads, the page and the simulator. May be called twice."""
+        self.is_closed = True
         with ExitStack() as stack:
             for other in (self.sim, self.page):
                 if other is not None:

@@ -24,6 +24,7 @@ from crtk_drivers.device import (
     CartesianLimits,
     Condition,
     Device,
+    DeviceKind,
     Following,
     JointLimits,
     Kinematics,
@@ -301,6 +302,7 @@ PLUGIN = DevicePlugin(
     name="loopback",
     summary="a gantry that exists in memory only, for tests and as a pattern for plugins",
     config=LoopbackConfig,
+    kind=DeviceKind.ARM,
     create=LoopbackDevice,
     is_model=True,
 )

@@ -122,7 +122,7 @@ class BridgedDevice:
         self.ownership = Ownership(name)
         self.begun = -math.inf
         self._homing: tuple[object, float] | None = None
-        offered: Mapping[str, Command] = front.crtk_commands  # type: ignore[attr-defined]
+        offered = front.crtk_commands
         self.tells = tuple(each for each, command in offered.items() if _is_told(command))
         wanted = [each for each in self.tells if "/" not in each] if only is None else only
         chosen = [each for each in wanted if each in self.tells]

@@ -8,6 +8,7 @@ from typing import Any
 from crtk_driver_ati_netft.config import NetFtConfig
 from crtk_driver_ati_netft.device import NetFtDevice
 from crtk_driver_ati_netft.tools import TOOLS
+from crtk_drivers.device import DeviceKind
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, required
 from crtk_drivers.samples import Wrench
 
@@ -41,6 +42,7 @@ PLUGIN = DevicePlugin(
     name="ati-netft",
     summary="ATI NetFT force/torque sensors: Net Box, Ethernet Axia, SCHUNK FTN, OnRobot HEX",
     config=NetFtConfig,
+    kind=DeviceKind.FORCE_SENSOR,
     create=NetFtDevice,
     sim="ati-netft",
     extra="ati-netft",

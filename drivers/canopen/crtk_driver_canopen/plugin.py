@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from crtk_driver_canopen.config import BusConfig, CanopenConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import ConfigError, MissingExtra
 from crtk_drivers.plugins import (
     DeviceLink,
@@ -130,6 +130,7 @@ PLUGIN = DevicePlugin(
     name="canopen",
     summary="CANopen servo drives (CiA 402) on a CAN bus as one arm",
     config=CanopenConfig,
+    kind=DeviceKind.ARM,
     create=_create,
     sim="canopen",
     extra="canopen",

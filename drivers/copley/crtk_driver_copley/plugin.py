@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from crtk_driver_copley.config import CopleyConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DevicePlugin, RunningSim, axes_ways
 
 SIMULATED_NODES = 3
@@ -51,6 +51,7 @@ PLUGIN = DevicePlugin(
     name="copley",
     summary="Copley Controls drives (Accelnet, Xenus, ...) by ASCII over serial: their axes as one arm",
     config=CopleyConfig,
+    kind=DeviceKind.ARM,
     create=_create,
     sim="copley",
     extra="copley",

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from crtk_driver_dvrk.config import DvrkConfig
 from crtk_driver_dvrk.tools import TOOLS
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim
 
@@ -71,6 +71,7 @@ PLUGIN = DevicePlugin(
     name="dvrk",
     summary="controllers of da Vinci Research Kits (FPGA1394, QLA, firmware 8): an arm is read, or driven",
     config=DvrkConfig,
+    kind=DeviceKind.ARM,
     create=_create,
     sim="dvrk",
     addresses=("host", "udp_port"),

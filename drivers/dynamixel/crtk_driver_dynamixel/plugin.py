@@ -9,7 +9,7 @@ from crtk_driver_dynamixel import arms
 from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.finding import FINDER
 from crtk_driver_dynamixel.tools import TOOLS, require_libraries
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim
 
@@ -108,6 +108,7 @@ PLUGIN = DevicePlugin(
     name="dynamixel",
     summary="DYNAMIXEL servo chains: X, MX, P, AX and RX series on RS-485 or TTL, with a gripper",
     config=DynamixelConfig,
+    kind=DeviceKind.ARM,
     create=_create,
     sim="dynamixel",
     extra="dynamixel",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from crtk_driver_force_dimension.config import ForceDimensionConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DevicePlugin, RunningSim
 
 
@@ -29,6 +29,7 @@ PLUGIN = DevicePlugin(
     name="force-dimension",
     summary="Force Dimension's omega, delta, sigma, lambda, and the Falcon, with a local force loop",
     config=ForceDimensionConfig,
+    kind=DeviceKind.HAPTIC,
     create=_create,
     sim="force-dimension",
     addresses=("library", "index", "serial"),

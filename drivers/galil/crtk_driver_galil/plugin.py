@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from crtk_driver_galil.config import GalilConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, axes_ways
 
 SIMULATED_AXES = "ABC"
@@ -59,6 +59,7 @@ PLUGIN = DevicePlugin(
     name="galil",
     summary="Galil DMC motion controllers (40x0, 41x3, 52xx0, 30000, ...): their axes as one arm",
     config=GalilConfig,
+    kind=DeviceKind.ARM,
     create=_create,
     sim="galil",
     addresses=("host", "tcp_port", "udp_port"),

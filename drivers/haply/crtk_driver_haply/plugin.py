@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from crtk_driver_haply.config import HaplyConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim
 
 
@@ -37,6 +37,7 @@ PLUGIN = DevicePlugin(
     name="haply",
     summary="Haply Inverse3 with VerseGrip by Haply's Inverse service: pose, buttons, forces",
     config=HaplyConfig,
+    kind=DeviceKind.HAPTIC,
     create=_create,
     sim="haply",
     extra="haply",

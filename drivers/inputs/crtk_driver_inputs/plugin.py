@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from crtk_driver_inputs.config import InputsConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DevicePlugin, RunningSim
 
@@ -31,6 +31,7 @@ PLUGIN = DevicePlugin(
     name="inputs",
     summary="foot pedals, joysticks, six-axis mice: event and joystick devices of Linux, spacenavd",
     config=InputsConfig,
+    kind=DeviceKind.INPUT,
     create=_create,
     sim="inputs",
     addresses=("path",),

@@ -8,7 +8,7 @@ from typing import Any, Final
 from crtk_driver_ndi.config import NdiConfig
 from crtk_driver_ndi.rom import read_rom
 from crtk_driver_ndi.tools import TOOLS
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, SimFault
 from crtk_drivers.samples import Pose
@@ -89,6 +89,7 @@ PLUGIN = DevicePlugin(
     name="ndi",
     summary="NDI trackers: Polaris Vicra, Spectra, Vega, Lyra, and Aurora, over serial or TCP",
     config=NdiConfig,
+    kind=DeviceKind.TRACKER,
     create=_create,
     sim="ndi",
     extra="ndi",

@@ -7,7 +7,7 @@ from typing import Any
 
 from crtk_driver_onrobot.config import OnRobotConfig
 from crtk_driver_onrobot.tools import TOOLS
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.kit.gripping import GripperDevice
 from crtk_drivers.plugins import DevicePlugin, SimFault, modbus_ways
 
@@ -29,6 +29,7 @@ PLUGIN = DevicePlugin(
     name="onrobot",
     summary="OnRobot grippers: RG2, RG6, 2FG7, 2FG14, 3FG15, VG10, VGC10; Compute Box, serial, tool line",
     config=OnRobotConfig,
+    kind=DeviceKind.GRIPPER,
     create=_create,
     sim="onrobot",
     extra="onrobot",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from crtk_driver_openhaptics.config import OpenHapticsConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DevicePlugin, RunningSim
 
 
@@ -48,6 +48,7 @@ PLUGIN = DevicePlugin(
     name="openhaptics",
     summary="Touch, Omni and other haptic devices of OpenHaptics, with a local force loop",
     config=OpenHapticsConfig,
+    kind=DeviceKind.HAPTIC,
     create=_create,
     sim="openhaptics",
     addresses=("library", "device"),

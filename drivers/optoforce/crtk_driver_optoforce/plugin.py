@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from crtk_driver_optoforce.config import OptoForceConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim
 from crtk_drivers.samples import Wrench
@@ -60,6 +60,7 @@ PLUGIN = DevicePlugin(
     name="optoforce",
     summary="OptoForce force sensors at USB: 3 axes, 6 axes, four times 3 axes",
     config=OptoForceConfig,
+    kind=DeviceKind.FORCE_SENSOR,
     create=_create,
     sim="optoforce",
     extra="optoforce",

@@ -8,7 +8,7 @@ from typing import Any
 from crtk_driver_robotiq.config import RobotiqConfig
 from crtk_driver_robotiq.finding import GRIPPERS
 from crtk_driver_robotiq.tools import TOOLS
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DevicePlugin, SimFault, modbus_ways
 
 
@@ -31,6 +31,7 @@ PLUGIN = DevicePlugin(
     name="robotiq",
     summary="Robotiq grippers: 2F-85, 2F-140, Hand-E; serial, robot's tool line, Modbus TCP, URCap",
     config=RobotiqConfig,
+    kind=DeviceKind.GRIPPER,
     create=_create,
     sim="robotiq",
     extra="robotiq",

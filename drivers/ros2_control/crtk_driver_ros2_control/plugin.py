@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from crtk_driver_ros2_control.config import Ros2ControlConfig
 from crtk_driver_ros2_control.tools import TOOLS
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.plugins import DevicePlugin, RunningSim, required
 from crtk_drivers.ros import environment
@@ -65,6 +65,7 @@ PLUGIN = DevicePlugin(
     name="ros2-control",
     summary="robots behind ros2_control: forward controllers, trajectory controller, hardware life cycle",
     config=Ros2ControlConfig,
+    kind=DeviceKind.ARM,
     create=_create,
     sim="ros2-control",
     extra="ros2-control",

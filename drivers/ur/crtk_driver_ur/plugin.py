@@ -15,6 +15,7 @@ from crtk_driver_ur.output_worker import SECONDARY_PORT
 from crtk_driver_ur.primary import PORTS
 from crtk_driver_ur.rtde.stream import RTDE_PORT
 from crtk_driver_ur.tools import TOOLS
+from crtk_drivers.device import DeviceKind
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.plugins import (
     DeviceLink,
@@ -83,6 +84,7 @@ PLUGIN = DevicePlugin(
     name="ur",
     summary="Universal Robots arms: UR3/5/10 (CB3), UR3e/5e/10e/16e, UR20, UR30",
     config=UrConfig,
+    kind=DeviceKind.ARM,
     create=_create,
     sim="ur",
     addresses=("host",),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from crtk_driver_weiss_wsg.config import WsgConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, LinkAccess, RunningSim, SimFault
 
@@ -62,6 +62,7 @@ PLUGIN = DevicePlugin(
     name="weiss-wsg",
     summary="Weiss Robotics (SCHUNK) WSG grippers: WSG 50, WSG 32; TCP (binary or text), serial",
     config=WsgConfig,
+    kind=DeviceKind.GRIPPER,
     create=_create,
     sim="weiss-wsg",
     extra="weiss-wsg",

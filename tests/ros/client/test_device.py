@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pydoc
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ import pytest
 from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import String as Text
 
+from crtk_drivers.client import connect
 from crtk_drivers.commands import COMMANDS, Direction
 from crtk_drivers.errors import (
     CommandRefused,
@@ -53,6 +55,42 @@ def test_every_name_that_is_offered_can_be_used(far: Far) -> None:
         if command.direction is Direction.PUBLISHED:
             assert method(age=0, wait=LONG) is not None
     far.arm.check_connections()
+
+
+def test_help_and_dir_know_what_is_made_at_its_first_use(far: Far) -> None:
+    with connect(far.namespace, timeout=LONG) as arm:
+        assert {"move_jp", "measured_jp", "body", "trajectory_j"} <= set(dir(arm))
+        assert "move_jp" not in vars(arm)
+        text = pydoc.render_doc(arm, renderer=pydoc.plaintext)
+        for name, summary in arm.summaries().items():
+            assert f"{name.replace('/', '.')} " in text
+            assert summary in text
+        assert "move_jp" not in vars(arm)
+        assert "-> 'Move'" in pydoc.render_doc(arm.move_jp, renderer=pydoc.plaintext)
+        assert "axes of the tool, at" in " ".join((arm.body.servo_cv.__doc__ or "").split())
+
+
+def test_repr_says_the_state_and_waits_for_nothing(far: Far) -> None:
+    arm = connect(far.namespace, timeout=LONG)
+    name = f"<RemoteDevice {far.namespace!r}"
+    assert repr(arm) == f"{name} (its operating state was not asked for yet)>"
+    assert repr(arm.body).startswith(f"<RemoteDevice '{far.namespace}/body'")
+    arm.operating_state()
+    assert repr(arm) == f"{name} DISABLED>"
+    arm.close()
+    assert repr(arm) == f"{name} closed>"
+    assert "measured_js" not in dir(arm)
+
+
+def test_repr_outlives_the_node_of_somebody_else(far: Far) -> None:
+    with Node("owner_of_a_node") as owner:
+        arm = connect(far.namespace, timeout=LONG, node=owner.node)
+        arm.operating_state()
+        owner.executor.remove_node(owner.node)
+        owner.node.destroy_node()
+        assert repr(arm) == f"<RemoteDevice {far.namespace!r} closed>"
+    assert repr(arm) == f"<RemoteDevice {far.namespace!r} closed>"
+    dir(arm)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from crtk_driver_robotiq.epick.config import EpickConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DevicePlugin, modbus_ways
 
 
@@ -24,6 +24,7 @@ PLUGIN = DevicePlugin(
     name="robotiq-epick",
     summary="Robotiq vacuum gripper ePick; serial, robot's tool line, Modbus TCP",
     config=EpickConfig,
+    kind=DeviceKind.GRIPPER,
     create=_create,
     sim="robotiq-epick",
     extra="robotiq",

@@ -7,7 +7,7 @@ from typing import Any
 
 from crtk_driver_robotiq.ft300.config import Ft300Config
 from crtk_driver_robotiq.ft300.finding import SENSORS
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DevicePlugin, RunningSim, modbus_ways
 from crtk_drivers.samples import Wrench
 
@@ -31,6 +31,7 @@ PLUGIN = DevicePlugin(
     name="robotiq-ft300",
     summary="Robotiq force sensors: FT 300, FT 300-S; serial, robot's tool line, Modbus TCP",
     config=Ft300Config,
+    kind=DeviceKind.FORCE_SENSOR,
     create=_create,
     sim="robotiq-ft300",
     finder=SENSORS,

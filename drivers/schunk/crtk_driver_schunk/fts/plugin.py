@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from crtk_driver_schunk.fts.config import FtsConfig
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DeviceLink, DevicePlugin, RunningSim, required
 from crtk_drivers.samples import Wrench
 
@@ -35,6 +35,7 @@ PLUGIN = DevicePlugin(
     name="schunk-fts",
     summary="SCHUNK force/torque sensors FTS at their Ethernet box",
     config=FtsConfig,
+    kind=DeviceKind.FORCE_SENSOR,
     create=_create,
     sim="schunk-fts",
     addresses=("host", "tcp_port", "udp_port"),

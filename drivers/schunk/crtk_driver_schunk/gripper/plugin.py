@@ -7,7 +7,7 @@ from typing import Any
 
 from crtk_driver_schunk.gripper.config import SchunkConfig
 from crtk_driver_schunk.gripper.tools import TOOLS
-from crtk_drivers.device import Device
+from crtk_drivers.device import Device, DeviceKind
 from crtk_drivers.plugins import DevicePlugin, modbus_ways
 
 
@@ -36,6 +36,7 @@ PLUGIN = DevicePlugin(
     name="schunk",
     summary="SCHUNK grippers EGU, EGK, EZU: their web server, Modbus RTU, robot's tool line",
     config=SchunkConfig,
+    kind=DeviceKind.GRIPPER,
     create=_create,
     sim="schunk",
     extra="schunk",
