@@ -20,7 +20,7 @@ RATE = 20.0
 SECONDS = 4.0
 
 
-def open_arm():
+def open_arm() -> crtk_drivers.Arm:
     """Return the device that the command line asks for."""
     if len(sys.argv) > 1:
         return client.connect(sys.argv[1])

@@ -12,7 +12,7 @@ import crtk_drivers
 from crtk_drivers import client
 
 
-def open_arm():
+def open_arm() -> crtk_drivers.Arm:
     """Return the device that the command line asks for."""
     if len(sys.argv) > 1:
         return client.connect(sys.argv[1])

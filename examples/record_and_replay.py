@@ -11,9 +11,11 @@ import csv
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import crtk_drivers
 from crtk_drivers import client
@@ -21,14 +23,14 @@ from crtk_drivers import client
 RATE = 50.0
 
 
-def open_arm():
+def open_arm() -> crtk_drivers.Arm:
     """Return the device that the command line asks for."""
     if len(sys.argv) > 1:
         return client.connect(sys.argv[1])
     return crtk_drivers.connect("ur", sim=True)
 
 
-def record(arm, path: Path, moves) -> None:
+def record(arm: crtk_drivers.Arm, path: Path, moves: Iterable[NDArray[np.float64]]) -> None:
     """Write time and joint positions until the moves have ended."""
     with path.open("w", newline="") as file:
         rows = csv.writer(file)
@@ -42,7 +44,7 @@ def record(arm, path: Path, moves) -> None:
                 time.sleep(max(0.0, due - time.monotonic()))
 
 
-def replay(arm, path: Path) -> float:
+def replay(arm: crtk_drivers.Arm, path: Path) -> float:
     """Follow a recording; return by how much the arm was off, in rad."""
     with path.open(newline="") as file:
         rows = list(csv.reader(file))[1:]

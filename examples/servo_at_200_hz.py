@@ -17,7 +17,7 @@ PERIOD = 2.0
 AMPLITUDE = np.radians(2.0)
 
 
-def open_arm():
+def open_arm() -> crtk_drivers.Arm:
     """Return the device that the command line asks for."""
     if len(sys.argv) > 1:
         return client.connect(sys.argv[1])

@@ -8,6 +8,7 @@ import time
 import crtk_drivers
 
 with crtk_drivers.connect("ur", sim=True) as arm:
+    assert arm.sim is not None  # there is one because of sim=True
     arm.enable()
     move = arm.move_jp(arm.setpoint_jp() + 0.5)
     arm.sim.control.inject("emergency_stop")

@@ -15,6 +15,8 @@ import numpy as np
 
 import crtk_drivers
 from crtk_drivers import client
+from crtk_drivers.plugins import RunningSim
+from crtk_drivers.samples import Vector
 
 RATE = 100.0
 SECONDS = 6.0
@@ -27,21 +29,22 @@ STIFFNESS = 500.0  # N/m, of the table
 class Hand:
     """Pulls the leader's handle like a spring: down by 8 cm, and up again."""
 
-    def force(self, elapsed: float, position: np.ndarray) -> np.ndarray:
+    def force(self, elapsed: float, position: Vector) -> Vector:
         """Return what it pulls with, in N."""
         wanted = np.array([0.0, 0.0, -0.04 * (1.0 - np.cos(2.0 * np.pi * elapsed / SECONDS))])
-        return 100.0 * (wanted - position)
+        pull: Vector = 100.0 * (wanted - position)
+        return pull
 
 
 class Table:
     """Pushes against the tool of a simulated arm."""
 
-    def __init__(self, sim, height: float) -> None:
+    def __init__(self, sim: RunningSim, height: float) -> None:
         self._sim = sim
         self._height = height
         self.force = 0.0
 
-    def touch(self, position: np.ndarray) -> None:
+    def touch(self, position: Vector) -> None:
         """Push as hard as the tool is deep in the table."""
         force = max(0.0, STIFFNESS * (self._height - position[2]))
         if force != self.force:
@@ -49,7 +52,12 @@ class Table:
             self.force = force
 
 
-def teleoperate(leader, follower, hand: Hand | None, table: Table | None) -> None:
+def teleoperate(
+    leader: crtk_drivers.HapticDevice,
+    follower: crtk_drivers.Arm,
+    hand: Hand | None = None,
+    table: Table | None = None,
+) -> None:
     """Couple the two for some seconds."""
     home, start = leader.measured_cp().position, follower.setpoint_cp()
     quiet = follower.measured_cf().force  # what the sensor says when nothing is touched
@@ -75,16 +83,17 @@ def teleoperate(leader, follower, hand: Hand | None, table: Table | None) -> Non
 
 
 if len(sys.argv) > 2:
-    with client.connect(sys.argv[1]) as leader, client.connect(sys.argv[2]) as follower:
-        leader.enable()
-        follower.enable()
-        teleoperate(leader, follower, None, None)
+    with client.connect(sys.argv[1]) as hand, client.connect(sys.argv[2]) as arm:
+        hand.enable()
+        arm.enable()
+        teleoperate(hand, arm)
 else:
     with (
-        crtk_drivers.connect("loopback", config={"rate": 500.0}) as leader,
-        crtk_drivers.connect("ur", sim=True) as follower,
+        crtk_drivers.connect("loopback", config={"rate": 500.0}) as gantry,
+        crtk_drivers.connect("ur", sim=True) as ur,
     ):
-        leader.enable()
-        follower.enable()
-        table = Table(follower.sim, follower.setpoint_cp().position[2] + TABLE)
-        teleoperate(leader, follower, Hand(), table)
+        assert ur.sim is not None  # there is one because of sim=True
+        gantry.enable()
+        ur.enable()
+        table = Table(ur.sim, ur.setpoint_cp().position[2] + TABLE)
+        teleoperate(gantry, ur, Hand(), table)
