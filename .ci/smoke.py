@@ -1,6 +1,6 @@
 """In an environment of any Python: every plugin loads, and simulated hardware is driven.
 
-Needs the extras `drivers` and `kinematics`; with `ros`, its packages are imported too.
+Needs the extras `drivers` and `kinematics`. With `ros`, a node uses the messages that are there.
 """
 
 import platform
@@ -44,7 +44,7 @@ def ask_for_ur_rtde() -> str:
 
 
 def import_ros() -> str:
-    """Return whether ROS 2 is there; its packages are imported then."""
+    """Return whether ROS 2 is there; a node uses the messages then."""
     if find_spec("rclpy") is None:
         return "not installed"
     import crtk_msgs.msg
@@ -54,8 +54,22 @@ def import_ros() -> str:
     rclpy.init()
     crtk_msgs.msg.OperatingState()
     tf2_msgs.msg.TFMessage()
+    # Publishers and clients load the libraries of the types, which do without those of C++.
+    node = rclpy.create_node("smoke")
+    node.create_publisher(crtk_msgs.msg.OperatingState, "state", 1)
+    node.create_publisher(tf2_msgs.msg.TFMessage, "tf", 1)
+    if find_spec("control_msgs") is not None:
+        import control_msgs.action
+        from rclpy.action import ActionClient
+
+        ActionClient(node, control_msgs.action.FollowJointTrajectory, "trajectory")
+    if find_spec("controller_manager_msgs") is not None:
+        import controller_manager_msgs.srv
+
+        node.create_client(controller_manager_msgs.srv.ListControllers, "controllers")
+    node.destroy_node()
     rclpy.shutdown()
-    return "imported"
+    return "has its messages"
 
 
 if __name__ == "__main__":

@@ -74,6 +74,20 @@ count_tests() {
   failed=$((failed + $(grep -oE '[0-9]+ (failed|error)' <<<"$summary" | cut -d' ' -f1 | paste -sd+ || echo 0)))
 }
 
+# interpreter_of VERSION: print where a Python is: pyenv's, of which uv sees only the chosen one, or what uv finds or
+# fetches.
+interpreter_of() {
+  local own
+  for own in "${PYENV_ROOT:-$HOME/.pyenv}"/versions/"$1".*/bin/python3; do
+    if [[ -x $own ]]; then
+      printf '%s\n' "$own"
+      return
+    fi
+  done
+  timeout 30 "$uv" python install --quiet "$1" >"$work/fetched" 2>&1 || true
+  "$uv" python find "$1" 2>>"$work/fetched"
+}
+
 # again FILE: run alone, three times, each test that failed, and end the run unless all pass. `pytest --failures`
 # wrote FILE.
 again() {
