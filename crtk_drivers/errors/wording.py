@@ -13,9 +13,10 @@ import re
 import shlex
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -30,7 +31,10 @@ _MESSAGES: Final[Mapping[str, tuple[str, ...]]] = {
     "moveit": ("crtk_msgs", "tf2_msgs", "control_msgs"),
     "ros2-control": ("crtk_msgs", "tf2_msgs", "control_msgs", "controller_manager_msgs"),
 }
-"""Folders of a clone that pip needs beside it for an extra: no index has these packages."""
+"""Folders of a clone that pip needs beside it for an extra: no index has these packages. Their modules
+have the same names."""
+RELEASE: Final = "FOLDER_OF_THE_RELEASE"
+"""Stands for the folder with the archives of a release (docs/installing.md), where it is not known."""
 
 _COMMAND: Final = re.compile(
     r"(uv run (?:-\S+ (?:[\w.]+ )?)*)?(?<![\w./-])crtk-driver(?= [A-Za-z[-])"
@@ -112,16 +116,33 @@ def _by_script(script: str) -> tuple[str, str]:
 
 
 def _bringing(command: str, extra: str) -> str:
-    """Return the command that brings an extra. No index has the message packages: pip gets a clone's."""
-    clone = _clone()
-    folders = _MESSAGES.get(extra, ()) if clone else ()
-    messages = "".join(f"{shlex.quote(str(clone / name))} " for name in folders if clone)
+    """Return the command that brings an extra, with where pip finds the message packages that it needs."""
+    messages = _messages(_MESSAGES.get(extra, ()), install=command.partition("{messages}")[0])
     return command.replace("{extra}", extra).replace("{messages}", messages)
 
 
-@cache
+def _messages(names: Sequence[str], install: str) -> str:
+    """Return the words by which pip finds message packages: in a clone, or in a release."""
+    clone = _clone()
+    if clone:
+        return "".join(f"{shlex.quote(str(clone / name))} " for name in names)
+    if all(map(find_spec, names)):  # by all wheels of a release at once
+        return ""
+    wheel = _origin("archive_info")
+    folder = _short(wheel.parent) if wheel and wheel.is_file() else RELEASE
+    # Of the release alone: an index may have a stranger's package of such a name.
+    packages = " ".join(f"crtk-{name.removeprefix('crtk_').replace('_', '-')}" for name in names)
+    return f"--no-index --no-deps --find-links {folder} {packages} && {install}"
+
+
 def _clone() -> Path | None:
-    """Return the folder that crtk-drivers was installed from; None if it came as a file (PEP 610)."""
+    """Return the folder that crtk-drivers was installed from; None if it came as a file."""
+    return _origin("dir_info")
+
+
+@cache
+def _origin(kind: str) -> Path | None:
+    """Return what crtk-drivers was installed from, if PEP 610 has it as ``dir_info`` or ``archive_info``."""
     import json  # these take their time, and are needed for a hint only
     from importlib import metadata
     from urllib.parse import unquote, urlsplit
@@ -131,7 +152,7 @@ def _clone() -> Path | None:
     except metadata.PackageNotFoundError:
         return None
     found = json.loads(origin) if origin else {}
-    if "dir_info" not in found:
+    if kind not in found or urlsplit(found["url"]).scheme != "file":
         return None
     return Path(unquote(urlsplit(found["url"]).path))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,62 @@ def test_what_uv_started_names_uv(text: str, as_read: str) -> None:
 def test_an_environment_that_is_not_active_is_named(text: str, as_read: str) -> None:
     assert worded(text) == as_read
     assert worded(as_read) == as_read
+
+
+@pytest.fixture
+def from_wheel(installed: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """An environment of a wheel, without message packages; the wheel is still there."""
+    wheel = tmp_path / "dist" / "crtk_drivers-0.1.0-py3-none-any.whl"
+    wheel.parent.mkdir()
+    wheel.touch()
+    monkeypatch.setattr(wording, "find_spec", lambda name: None)
+    monkeypatch.setattr(wording, "_clone", lambda: None)
+    monkeypatch.setattr(wording, "_origin", {"archive_info": wheel}.get)
+    return wheel
+
+
+def test_a_wheels_folder_is_named_for_the_messages(from_wheel: Path) -> None:
+    assert worded(ROS) == (
+        "venv/bin/pip install --no-index --no-deps --find-links ./dist crtk-msgs crtk-tf2-msgs "
+        "&& venv/bin/pip install 'crtk-drivers[ros]'"
+    )
+    assert worded(EXTRA) == f"venv/bin/{EXTRA}"  # needs no messages
+
+
+def test_a_release_of_an_unknown_folder_is_said(from_wheel: Path) -> None:
+    from_wheel.unlink()
+    found = worded(ROS)
+    assert " --find-links FOLDER_OF_THE_RELEASE crtk-msgs " in found
+    assert worded(found) == found
+
+
+@pytest.mark.usefixtures("from_wheel")
+def test_messages_that_are_there_need_no_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wording, "find_spec", {"crtk_msgs": 1, "tf2_msgs": 1}.get)
+    assert worded(ROS) == f"venv/bin/{ROS}"
+
+
+@pytest.mark.parametrize(
+    ("origin", "clone", "wheel"),
+    [
+        ('{"url": "file:///my%20lab/clone", "dir_info": {}}', "/my lab/clone", None),
+        ('{"url": "file:///r/c-0.1.whl", "archive_info": {}}', None, "/r/c-0.1.whl"),
+        ('{"url": "https://a.example/r/c-0.1.whl", "archive_info": {}}', None, None),
+        (None, None, None),
+    ],
+)
+def test_the_origin_is_read_from_metadata(
+    origin: str | None, clone: str | None, wheel: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_text(self: metadata.Distribution, name: str) -> str | None:
+        return origin
+
+    wording._origin.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(metadata.PathDistribution, "read_text", read_text)
+        found = (wording._clone(), wording._origin("archive_info"))
+    wording._origin.cache_clear()
+    assert found == (clone and Path(clone), wheel and Path(wheel))
 
 
 def test_the_python_of_an_environment_is_not_its_base(
