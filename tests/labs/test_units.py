@@ -108,7 +108,7 @@ def test_the_command_is_that_of_the_supervisor_and_can_be_started(lab, tmp_path)
     settings = folder / "crtk-bench-made_up.yaml"
     assert command == [
         *(sys.executable, "-m", "crtk_drivers.cli", "ur", "--ns", "/made_up"),
-        *("--config", str(settings), "--sim", "--sim-set", 'model="ur3e"'),
+        *("--config", str(settings), "--sim", "--sim-set", "model=ur3e"),
     ]
     found = load_lab(lab).devices["made_up"]
     (tmp_path / "again.toml").write_text(

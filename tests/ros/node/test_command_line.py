@@ -94,7 +94,7 @@ def test_it_runs_until_a_signal(end: signal.Signals) -> None:
 def ends_well(process: Program, end: signal.Signals) -> None:
     records = wait_for(process, "DISABLED")
     assert records[-1]["message"] == "loopback /demo  DISABLED"
-    assert "crtk-driver state /demo   crtk-driver enable /demo" in records[0]["message"]
+    assert "  crtk-driver state /demo\n  crtk-driver enable /demo\n" in records[0]["message"]
     process.send_signal(end)
     assert process.wait(LONG) == 0
     assert process.stderr is not None
