@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from crtk_drivers.cli.echo_command import number
-from crtk_drivers.cli.reaching import held_when_interrupted, need
+from crtk_drivers.cli.reaching import Interrupted, held_when_interrupted, need
 from crtk_drivers.cli.state_view import NEXT, print_position
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.client import RemoteDevice
@@ -68,12 +68,17 @@ def move(
         MotionAborted, ConnectionLost: it ended elsewhere.
         typer.Exit: after an interrupt; the device holds.
     """
+    if speed is not None and not 0.0 < speed <= 1.0:
+        raise ConfigError(
+            f"{speed:g} is no share of its speed",
+            where=f"{device.namespace} --speed",
+            remedy="Give a number above 0, up to 1: 0.1 is a tenth.",
+        )
     need(device, "move_cp" if pose else "move_jp")
     _require_enabled(device)
     goal = (_pose_goal if pose else _joint_goal)(device, values, relative, degrees)
     try:
-        with _at_speed(device, speed):
-            _go(device, goal)
+        _go(device, goal, speed)
     except CommandRefused as refusal:
         if refusal.reason is not Reason.OUT_OF_RANGE or pose or degrees:
             raise
@@ -89,33 +94,38 @@ def move(
 
 
 @contextmanager
-def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[None]:
-    """Within, moves of the device take this share of its limits; then as before.
+def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[], bool]]:
+    """Within, moves of the device take this share of its limits; then as before. Signals raise meanwhile.
 
     The share and the goal go over two topics, and the goal may come first: it is sent once the device has
-    reported the share.
+    reported the share. Another client may set the share, too. What it gives says whether it is still ours.
 
     Raises:
         ConfigError: the device knows no such share.
         DataTimeout: it does not report that it has taken the share.
     """
     if speed is None:
-        yield
+        yield lambda: True
         return
-    if not 0.0 < speed <= 1.0:
-        raise ConfigError(
-            f"{speed:g} is no share of its speed",
-            where=f"{device.namespace} --speed",
-            remedy="Give a number above 0, up to 1: 0.1 is a tenth.",
-        )
     for each in ("set_ratio", "set_ratio_v", "set_ratio_a", "ratio_v", "ratio_a"):
         need(device, f"{_RATIOS}/{each}")
     ratios = device.trajectory_j
-    before = ratios.ratio_v(), ratios.ratio_a()
+    before, ours = (ratios.ratio_v(), ratios.ratio_a()), (speed, speed)
+
+    def is_ours() -> bool:
+        return (ratios.ratio_v(), ratios.ratio_a()) == ours
+
+    def put_back() -> None:
+        if not is_ours():
+            return  # another client has set it since: it is that one's
+        ratios.set_ratio(before[0])
+        if before[1] != before[0]:
+            ratios.set_ratio_a(before[1])
+
     try:
         ratios.set_ratio(speed)
         deadline = time.monotonic() + START_TIMEOUT
-        while (ratios.ratio_v(), ratios.ratio_a()) != (speed, speed):
+        while not is_ours():
             if time.monotonic() > deadline:
                 raise DataTimeout(
                     f"did not report within {START_TIMEOUT:g} s that moves take {speed:g} of its speed",
@@ -123,19 +133,44 @@ def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[None]:
                     remedy="Nothing was moved. Does another client set it, too?",
                 )
             time.sleep(POLL)
-        yield
-    finally:
-        ratios.set_ratio_v(before[0])
-        ratios.set_ratio_a(before[1])
+        yield is_ours
+    except Interrupted:
+        device.hold()  # before anything else; no signal comes after this one
+        put_back()
+        raise
+    except BaseException:
+        with suppress(CrtkError):  # what went wrong first is told
+            put_back()
+        raise
+    else:
+        try:
+            put_back()
+        except Interrupted:
+            put_back()
+            raise
 
 
-def _go(device: RemoteDevice, goal: Goal) -> None:
+def _go(device: RemoteDevice, goal: Goal, speed: float | None) -> None:
     # Within: of a terminal that is gone the end of what is shown fails, and the hold comes before that.
-    with ERR.status(f"{goal.command} ...") as shown, held_when_interrupted(device) as heed:
+    with (
+        ERR.status(f"{goal.command} ...") as shown,
+        held_when_interrupted(device) as heed,
+        _at_speed(device, speed) as is_at_speed,
+    ):
         began = time.monotonic()
         handle: Move = getattr(device, goal.command)(goal.value)
-        while not handle.wait(LOOK_PERIOD):
+        is_seen = False
+        while not handle.wait(LOOK_PERIOD if is_seen else POLL):
             heed()
+            if not is_seen and handle.wait(0.0, is_busy=True):
+                is_seen = True
+                if not is_at_speed():
+                    device.hold()
+                    raise MotionAborted(
+                        "another client has changed the share of the speed meanwhile",
+                        where=device.namespace,
+                        remedy="It was told to hold. Move it by one client at a time.",
+                    )
             passed = time.monotonic() - began
             if passed > START_TIMEOUT and not handle.wait(0.0, is_busy=True):
                 device.hold()  # else what comes late after all moves it, and nobody looks

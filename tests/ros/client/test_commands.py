@@ -30,7 +30,7 @@ from crtk_drivers.client import RemoteDevice, move_handle
 from crtk_drivers.device import Condition
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import base
-from crtk_drivers.samples import Pose
+from crtk_drivers.samples import Number, Pose
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
 from rigs.loopback_client import Far, Node, far_device
@@ -222,6 +222,44 @@ def test_a_slow_move_is_slow_and_the_next_is_not(far: Far, run: Run) -> None:
     assert float(out.split()[2]) >= least - 0.05, "it is shown in tenths of a second"
     eventually(lambda: (ratios.ratio_v(), ratios.ratio_a()) == (1.0, 0.5), "it is as before")
     ratios.set_ratio(1.0)
+
+
+def test_another_clients_share_of_speed_ends_a_slow_move(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far.arm.enable()
+    submit = far.engine.submit
+
+    def after_another(name: str, *rest: object, **more: object) -> None:
+        if name == "move_jp":
+            submit("trajectory_j/set_ratio", Number(1.0))
+        submit(name, *rest, **more)
+
+    monkeypatch.setattr(far.engine, "submit", after_another)
+    with slowly(far.engine):
+        code, _, err = run("move", NAMESPACE, "--speed", "0.1", "0.95", "0", "0", "0")
+    assert code == 1
+    assert "another client has changed the share" in err
+    assert not far.engine.status.is_busy
+    assert far.arm.setpoint_jp()[0] < 0.9
+    assert far.arm.trajectory_j.ratio_v() == 1.0
+
+
+def test_an_interrupted_slow_move_holds_and_puts_the_speed_back(far: Far, run: Run) -> None:
+    far.arm.enable()
+
+    def interrupt() -> None:
+        eventually(lambda: far.arm.measured_jp()[0] > 0.01, "it is on its way")
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    code, _, err = run("move", NAMESPACE, "--speed", "0.1", "0.5", "0", "0", "0")
+    thread.join()
+    assert code == 130
+    assert "was told to hold, and stands" in err
+    ratios = far.arm.trajectory_j
+    eventually(lambda: (ratios.ratio_v(), ratios.ratio_a()) == (1.0, 1.0), "it is as before")
 
 
 def test_a_share_of_speed_that_is_not_taken_moves_nothing(
