@@ -270,7 +270,7 @@ class GripperDevice(Device):
         raise_first(self.obstacles)
         hand = self._hand
         self._is_made_ready = True
-        yield from hand.make_ready()
+        yield from hand.make_ready(may_hold=self._may_hold)
         self._is_made_ready = False
         yield from self.resume()
 

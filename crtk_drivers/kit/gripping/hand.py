@@ -193,8 +193,12 @@ class Hand(ABC):
         """
         return ()
 
-    def make_ready(self) -> Steps:
-        """Have it ready for motions, as a part of `enable`. There are no `obstacles`."""
+    def make_ready(self, *, may_hold: bool) -> Steps:
+        """Have it ready for motions, as a part of `enable`. There were no `obstacles` as it began.
+
+        Args:
+            may_hold: as for `obstacles`, for what can be judged only after a first step.
+        """
         yield from ()
 
     def sort_out(self) -> Steps:

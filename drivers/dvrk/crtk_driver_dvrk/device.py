@@ -75,6 +75,7 @@ class DvrkDevice(Sensor):
         self._found: list[Found] = []
         self._about: list[Note] = []
         self._states: States = {}
+        self._unset: tuple[int, ...] = ()  # boards with encoders that were never set, as read last
         self._coming: dict[int, BoardState] = {}
         self._doubted: dict[int, BoardState] = {}
         self._label: int | None = None  # of what has been asked for, and not answered
@@ -149,6 +150,7 @@ class DvrkDevice(Sensor):
     def close(self) -> None:
         self._boards.close()
         self._states = {}  # readings tell nothing that was
+        self._unset = ()
 
     def _told_once(self, deadline: float) -> list[Note]:
         """Return what boards tell of themselves that does not change while they are only read."""

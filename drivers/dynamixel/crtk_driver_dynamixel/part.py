@@ -25,7 +25,7 @@ from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.modes import Modes
 from crtk_driver_dynamixel.own_limits import wider
-from crtk_driver_dynamixel.preparation import obstacles, recover, set_up, unheard
+from crtk_driver_dynamixel.preparation import obstacles, recover, set_up, unheard, unset
 from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.servo_state import Values
 from crtk_driver_dynamixel.stopping import Stopping
@@ -353,7 +353,9 @@ class Part:
             yield unheard(link, names)
         heard = [place for place in self.places if frame.valid[place]]
         yield from obstacles(link, heard, self._config)
-        yield from self._modes.beyond({place: int(frame.position[place]) for place in heard})
+        # With the homing offset that is to be written, another one counts otherwise.
+        counted = [place for place in heard if not unset(link, place, self._config)]
+        yield from self._modes.beyond({place: int(frame.position[place]) for place in counted})
 
     def enable(self) -> Steps:
         """Restart servos with errors, set all up, and hold them where they are.

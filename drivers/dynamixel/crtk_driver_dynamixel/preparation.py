@@ -101,7 +101,7 @@ def obstacles(
         state, servo = link.states[place], link.chain.servos[place]
         if link.health[place].hardware_error and not servo.units.model.family.restarts:
             yield _lasting(link, place)
-        wanted = _unset(link, place, config)
+        wanted = unset(link, place, config)
         if wanted:
             torque = link.health[place].torque
             is_on = bool(state.values.get("torque_enable")) if torque is None else torque
@@ -121,7 +121,7 @@ def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> S
     for place in places:
         yield from _refresh(link, place)
         yield
-        wanted = _unset(link, place, config)
+        wanted = unset(link, place, config)
         if wanted:
             yield from _write_eeprom(link, place, wanted, config)
             yield
@@ -129,7 +129,7 @@ def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> S
         raise_first(_unfit(link, place))
 
 
-def _unset(link: ChainLink, place: int, config: DynamixelConfig) -> dict[str, int]:
+def unset(link: ChainLink, place: int, config: DynamixelConfig) -> dict[str, int]:
     """Return what the EEPROM of a servo must hold and does not, by register."""
     state, servo = link.states[place], link.chain.servos[place]
     first = link.chain.servos[link.chain.of_joint(servo.joint)[0]]

@@ -79,7 +79,7 @@ class ActivatedHand(Hand, Generic[CommandT]):
         return must_reset or self.unfit(enabled=False) is not None
 
     @override
-    def make_ready(self) -> Steps:
+    def make_ready(self, *, may_hold: bool) -> Steps:
         if self._must_be_activated or self._policy == "always":
             yield from self._activate()
 

@@ -37,7 +37,6 @@ from crtk_driver_ur.safety import (
     PAUSED_PROGRAM,
     PROGRAM_PAUSED,
     STANDING_PROGRAM,
-    SafetyMode,
     found_in,
     stood,
 )
@@ -530,10 +529,9 @@ class UrDevice(Device):
     def obstacles(self) -> tuple[CrtkError, ...]:
         if self._in_control or self._robot.state is None:
             return ()
-        unlocks = self._config.enable_unlocks and self._robot.safety == SafetyMode.PROTECTIVE_STOP
         may_run = self._has_program or self._link.left_program
         return (
-            *(() if unlocks else self._robot.obstacles("enable")),
+            *self._robot.obstacles("enable", unlocks=self._config.enable_unlocks),
             *self._geometry.misfits(self._robot.state),
             *(() if may_run else self._other_program("enable")),
             *self._old_states("enable"),

@@ -139,9 +139,15 @@ class Robot:
         if found.allows is OperatingState.FAULT:
             yield DeviceFault(found.reason, where=self._where)
 
-    def obstacles(self, command: str) -> Iterator[CrtkError]:
-        """Yield why `command` cannot have control: a stop, a question at the pendant, somebody who has it."""
-        yield from self._unsafe()
+    def obstacles(self, command: str, *, unlocks: bool = False) -> Iterator[CrtkError]:
+        """Yield why `command` cannot have control: a stop, a question at the pendant, somebody who has it.
+
+        Args:
+            command: for the messages.
+            unlocks: it unlocks a protective stop.
+        """
+        if not (unlocks and self.safety == SafetyMode.PROTECTIVE_STOP):
+            yield from self._unsafe()
         if self._needs_remote and self._link.remote is False:
             yield self._local_control("state_command", f"{command}: ")
             return

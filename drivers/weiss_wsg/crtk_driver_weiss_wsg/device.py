@@ -27,7 +27,7 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import CrtkError, DeviceError, DeviceFault, TransitionFailed
+from crtk_drivers.errors import CrtkError, DeviceError, DeviceFault, TransitionFailed, raise_first
 from crtk_drivers.kit import until
 from crtk_drivers.kit.gripping import (
     Adjustable,
@@ -294,9 +294,15 @@ class WsgHand(Hand):
 
     @override
     def obstacles(self, *, may_hold: bool) -> tuple[CrtkError, ...]:
-        fault, policy = self._link.fault, self._config.home
-        if fault is not None and not self._must_acknowledge:
+        if self._must_acknowledge:
+            return ()  # `enable` does that first: it can be judged only then
+        if fault := self._link.fault:
             return (DeviceFault(fault[0], where=self.where, remedy=fault[1]),)
+        return self._of_reference(may_hold)
+
+    def _of_reference(self, may_hold: bool) -> tuple[CrtkError, ...]:
+        """Return why it may not look for its reference, if it would."""
+        policy = self._config.home
         is_referenced = bool(self._link.flags & Flag.REFERENCED)
         if is_referenced and policy != "always":
             return ()
@@ -310,7 +316,7 @@ class WsgHand(Hand):
         )
 
     @override
-    def make_ready(self) -> Steps:
+    def make_ready(self, *, may_hold: bool) -> Steps:
         if self._must_acknowledge:
             yield from self._do(Order(Command.ACKNOWLEDGE))
             yield from until(self._has_acknowledged, TURN)
@@ -318,6 +324,7 @@ class WsgHand(Hand):
             raise DeviceFault(fault[0], where=self.where, remedy=fault[1])
         if self._link.is_stopped_fast:
             raise self._failed("it does not leave its fast stop", "Look at its web page.")
+        raise_first(self._of_reference(may_hold))
         if self._config.home == "always" or not self._link.flags & Flag.REFERENCED:
             yield from self._find_reference()
 

@@ -37,7 +37,7 @@ def test_once_it_is_activated_a_stop_resets_nothing() -> None:
         hand._keep(Answer(status, Stamp.now(), hand._pending))
 
     read(RESET)
-    steps = hand.make_ready()
+    steps = hand.make_ready(may_hold=False)
     next(steps)
     read(RESET)
     next(steps)

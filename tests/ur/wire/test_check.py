@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -35,6 +36,32 @@ def test_check_says_what_would_refuse_enable(
     for each in words:
         assert each in text
     assert "not ready: " in text
+
+
+def test_check_sees_more_than_a_stop_that_enable_unlocks(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with SIM.spawn() as sim:
+        sim.control.inject("protective_stop")
+        sim.control.inject("local_control")
+        unlocks = ["--set", "enable_unlocks=true"]
+        assert main(["check", "ur", "--host", sim.host, *unlocks, *PATIENT]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"enable +failed +the teach pendant has control", text)
+
+
+@pytest.mark.parametrize("calibration", ["auto", "nominal", "its own"])
+def test_check_lets_a_calibrated_arm_pass(
+    calibration: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with SIM.spawn(calibration=3.0) as sim:
+        options = [] if calibration == "auto" else ["--set", f"calibration={calibration}"]
+        if calibration == "its own":
+            file = tmp_path / "ur.yaml"
+            assert main(["ur", "info", "--host", sim.host, "--output", str(file)]) == 0
+            options = ["--config", str(file)]
+        assert main(["check", "ur", "--host", sim.host, *options, *PATIENT]) == 0
+    assert re.search(r"enable +ok", capsys.readouterr().out)
 
 
 def test_check_says_it_once_where_the_state_is_fault(capsys: pytest.CaptureFixture[str]) -> None:

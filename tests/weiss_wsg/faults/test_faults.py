@@ -258,6 +258,31 @@ def test_a_fast_stop_in_motion_is_a_fault_that_enable_acknowledges(running: WsgB
     running.front.move_jp([0.05]).wait(LONG)
 
 
+@pytest.mark.parametrize("policy", ["if needed", "always"])
+def test_a_fast_stop_with_a_part_held_locks_nobody_out(policy: str) -> None:
+    """`enable` acknowledges it, also where it refuses then: the service by its name refuses before that."""
+    with bench(home=policy) as running:
+        running.front.enable()
+        running.sim.control.inject("object", width=0.03)
+        running.front.part_width(0.03)
+        running.front.grip()
+        eventually(running.front.state.grip, "it holds")
+        if policy == "if needed":  # without power it forgets its reference
+            running.sim.control.inject("unpowered")
+            running.state(FAULT)
+            running.connected()
+        running.sim.control.inject("fast_stop")
+        eventually(lambda: running.simulated("fast_stop"), "it is stopped fast")
+        running.samples(20)
+        with pytest.raises(DeviceError, match="may still hold something"):
+            running.front.enable()
+        assert not running.simulated("fast_stop")
+        running.sim.control.inject("object_lost")
+        running.front.reference()
+        running.front.enable()
+        running.state(ENABLED)
+
+
 def test_the_end_of_a_driver_that_moves_is_a_fast_stop(sim: RunningSim) -> None:
     """Whose stop could not be read back: what stops the hardware by itself stays armed."""
     with WsgBench(sim) as running:

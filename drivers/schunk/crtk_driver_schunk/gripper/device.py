@@ -279,7 +279,7 @@ class SchunkHand(Hand):
         self._strangers = self._handshake.by_others
 
     @override
-    def make_ready(self) -> Steps:
+    def make_ready(self, *, may_hold: bool) -> Steps:
         status = self._status
         assert status is not None
         self._handshake.attempts = 0

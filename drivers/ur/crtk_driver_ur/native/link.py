@@ -478,6 +478,7 @@ class NativeLink(ControlLink):
         except ConnectionLost as error:
             self._lost(error)
             raise TransitionFailed(error.message, where=self._where, remedy=error.remedy) from error
+        self._primary = None  # the worker closes it before it connects anew
         self._primary = yield from self.ask("upload", text=text)
         yield from self._until_started()
         self._starts += 1

@@ -126,7 +126,7 @@ class MyGripperHand(Hand):
         return None if is_powered else Condition(OperatingState.DISABLED, "it has no power")
 
     @override
-    def make_ready(self) -> Steps:
+    def make_ready(self, *, may_hold: bool) -> Steps:
         self._link.write(POWER_ON)
         while self._report is None or not self._report.powered:
             yield
