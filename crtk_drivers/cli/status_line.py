@@ -59,6 +59,10 @@ def _headline(name: str, status: Status) -> Text:
     )
 
 
+_CAUSE_STYLES = {OperatingState.FAULT: "red", OperatingState.PAUSED: "yellow"}
+"""Of the reason of a state; that of DISABLED says how the device was found."""
+
+
 def _figures(health: Health) -> list[Text]:
     slow = health.rate < (1.0 - _RATE_TOLERANCE) * health.rate_expected
     rate = (f"{health.rate:.0f}", "yellow" if slow else "")
@@ -82,7 +86,7 @@ def _reason(status: Status, health: Health) -> Text:
     if status.connecting:
         return reason
     if status.cause:
-        reason.append("  ").append(worded(status.cause), "red")
+        reason.append("  ").append(worded(status.cause), _CAUSE_STYLES.get(status.state, ""))
     elif refused:
         reason.append(f"  {refused} refused, last: ", "dim").append(
             worded(health.last_refusal), "yellow"

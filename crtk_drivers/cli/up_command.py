@@ -21,7 +21,7 @@ from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.lab_scan import scanned_lab
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
-from crtk_drivers.cli.terminal import ERR, OUT
+from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.labs import Lab, load_lab
@@ -286,6 +286,9 @@ def check_lab(path: Path, sim: bool) -> int:
     require_libraries(lab)
     check_bounds(lab, QUANTITIES)
     OUT.print(_plan(lab))
+    OUT.print(
+        f"\n{plain(str(path))} can be used: settings and libraries are checked, nothing was started"
+    )
     return 0
 
 

@@ -123,6 +123,13 @@ class Operated(Protocol):
         self.state_command(StateCommand.UNHOME, timeout)
 
 
+_ALSO = (
+    "",
+    "And, as every device: enable(), disable(), pause(), resume(), home(), unhome(), is_enabled(),",
+    "close(). `measured_jp` is the position of `measured_js`, `setpoint_jp` that of `setpoint_js`, ...",
+)
+
+
 class OfferedDoc:
     """The docstring of a class; for an object of it, also what that offers: ``help(arm)``.
 
@@ -141,7 +148,7 @@ class OfferedDoc:
         lines = (
             f"    {name.replace('/', '.'):{width}}  {summary}" for name, summary in offered.items()
         )
-        return "\n".join((f"{self._text}\n\nIt offers:\n", *lines))
+        return "\n".join((f"{self._text}\n\nIt offers:\n", *lines, *_ALSO))
 
 
 class DeviceFront(Operated, ABC):

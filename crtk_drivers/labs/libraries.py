@@ -12,6 +12,8 @@ __all__ = ["require_libraries"]
 def require_libraries(lab: Lab) -> None:
     """Make each device of a lab once, which touches no hardware, and forget it.
 
+    Of a simulated one only the libraries count: its simulator fills in settings that are missing here.
+
     Raises:
         ConfigError: libraries are missing, of whichever devices, with the commands that install them; or a
             real device cannot be made with its settings.
@@ -22,10 +24,12 @@ def require_libraries(lab: Lab) -> None:
             device.plugin.make(device.config)
         except MissingExtra as error:
             missing[device.name] = error
-        except CrtkError as error:
-            if not device.simulated:  # what a simulator fills in may be missing
-                where = _place(lab, device)
-                raise ConfigError(error.message, where=where, remedy=error.remedy) from error
+        except Exception as error:  # a constructor may fail in its own way where joints are missing
+            if device.simulated:
+                continue
+            remedy = error.remedy if isinstance(error, CrtkError) else ""
+            text = error.message if isinstance(error, CrtkError) else str(error)
+            raise ConfigError(text, where=_place(lab, device), remedy=remedy) from error
     if missing:
         first = lab.devices[next(iter(missing))]
         raise ConfigError(

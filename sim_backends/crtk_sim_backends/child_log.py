@@ -17,6 +17,8 @@ FORMAT: Final = "%(levelname)s %(name)s: %(message)s"
 
 _RECORD: Final = re.compile(r"(DEBUG|INFO|WARNING|ERROR|CRITICAL) ([\w.]+): (.*)")
 _JOINED_WITHIN: Final = 1.0
+_LONGEST: Final = 16384
+"""Characters of a line; of a longer one each part is a record."""
 
 
 class ChildLog:
@@ -45,7 +47,7 @@ class ChildLog:
 
     def _run(self, errors: int) -> None:
         with os.fdopen(errors, encoding="utf-8", errors="replace") as lines:
-            for line in lines:
+            for line in iter(lambda: lines.readline(_LONGEST), ""):
                 if line := line.rstrip():
                     self.last = line.strip()
                     self._log(line)

@@ -47,6 +47,18 @@ def test_a_missing_library_is_known_before_anything_starts(
     assert {path.name for path in lab.parent.iterdir()} == {"lab.toml"}
 
 
+@pytest.mark.parametrize("plugin", ["canopen", "copley", "dynamixel", "galil"])
+def test_joints_that_a_simulator_brings_may_be_missing(
+    plugin: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text(f'[devices.arm]\nplugin = "{plugin}"\nsim = true\n')
+    assert main(["lab", "check", str(path)]) == 0
+    assert "can be used" in capsys.readouterr().out
+    path.write_text(f'[devices.arm]\nplugin = "{plugin}"\n')
+    assert main(["lab", "check", str(path)]) == 2
+
+
 def test_bench_does_not_wait_for_a_dead_driver(tmp_path: Path) -> None:
     order = DeviceOrder("gantry", "loopback", {}, False, {}, None)
     with (

@@ -44,7 +44,9 @@ _FENCE: Final = re.compile(r"^( *)```(\w*)\n(.*?)^\1```", re.MULTILINE | re.DOTA
 _INLINE: Final = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 _DOTTED: Final = re.compile(r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+")
 _SETTING: Final = re.compile(r"([a-z][a-z0-9_.]*): \S.*")
-_COMMAND: Final = re.compile(r"^(?:\$ )?(?:\./)?crtk-driver +(.*)$")
+_COMMAND: Final = re.compile(
+    r"^(?:\$ |next: )?(?:sudo )?(?:\w+=\S+ )*(?:uv run (?:--\S+(?: [\w.-]+)? )*)?(?:\S*/)?crtk-driver +(.*)$"
+)
 _EXPLAINED: Final = re.compile(r" {3,}|(?<= )\.\. ")
 """Between a command and what it does, in a list of commands."""
 _ELLIPSIS: Final = frozenset({"...", "..", "…"})
@@ -70,9 +72,10 @@ class Page:
             if language in ("", "sh", "bash", "console"):
                 lines += block.replace("\\\n", " ").splitlines()
         for line in lines:
-            found = _COMMAND.match(line.strip())
-            if found:
-                yield _EXPLAINED.split(found[1])[0]
+            for part in re.split(r" (?:&&|;|\|) ", line):
+                found = _COMMAND.match(part.strip())
+                if found:
+                    yield _EXPLAINED.split(found[1])[0]
 
     @property
     def devices(self) -> tuple[str, ...]:
