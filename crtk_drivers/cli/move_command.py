@@ -116,8 +116,6 @@ def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[]
         return (ratios.ratio_v(), ratios.ratio_a()) == ours
 
     def put_back() -> None:
-        if not is_ours():
-            return  # another client has set it since: it is that one's
         ratios.set_ratio(before[0])
         if before[1] != before[0]:
             ratios.set_ratio_a(before[1])
@@ -136,17 +134,23 @@ def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[]
         yield is_ours
     except Interrupted:
         device.hold()  # before anything else; no signal comes after this one
-        put_back()
+        if is_ours():  # else another client has set it since, and it is that one's
+            put_back()
         raise
     except BaseException:
         with suppress(CrtkError):  # what went wrong first is told
-            put_back()
+            if is_ours():
+                put_back()
         raise
     else:
+        is_to_be_put_back = True
         try:
-            put_back()
+            is_to_be_put_back = is_ours()
+            if is_to_be_put_back:
+                put_back()
         except Interrupted:
-            put_back()
+            if is_to_be_put_back:
+                put_back()
             raise
 
 
