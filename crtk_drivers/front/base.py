@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from difflib import get_close_matches
 from inspect import cleandoc
 from types import MappingProxyType
 from typing import Any, Protocol, Self
@@ -121,6 +122,12 @@ class Operated(Protocol):
     def unhome(self, timeout: float = 30.0) -> None:
         """Forget the reference positions. See `state_command`."""
         self.state_command(StateCommand.UNHOME, timeout)
+
+
+def near_names(name: str, names: Iterable[str]) -> str:
+    """Return which names are near one that is none of them, as a question with a space behind; or nothing."""
+    near = get_close_matches(name, [*names], n=3)
+    return f"Did you mean {' or '.join(near)}? " if near else ""
 
 
 _ALSO = (

@@ -14,7 +14,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -29,7 +28,7 @@ from crtk_drivers.device import Reading
 from crtk_drivers.device.offered import missing_for
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, DataTimeout, TransitionFailed
-from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader
+from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader, near_names
 from crtk_drivers.front.method_forms import (
     SERVICE_TIMEOUT,
     documented,
@@ -177,11 +176,9 @@ class LocalFront(DeviceFront):
     def _instead(self, name: str) -> str:
         """Return which names are near one that is none of CRTK's, and where all of them are listed."""
         own = [each for each in dir(self) if not each.startswith("_")]
-        near = get_close_matches(name, own, n=3)
-        meant = f"Did you mean {' or '.join(near)}? " if near else ""
         moves = [each for each in own if each.startswith("move_")]
         listed = f"It moves by {', '.join(moves)}. " if moves else ""
-        return f"{meant}{listed}crtk_commands has all that it offers."
+        return f"{near_names(name, own)}{listed}crtk_commands has all that it offers."
 
     @property
     @override

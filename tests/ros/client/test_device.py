@@ -173,6 +173,8 @@ def test_a_command_that_is_not_offered_is_named(far: Far) -> None:
         far.arm.body.servo_cp  # noqa: B018 - asking is the test
     with pytest.raises(AttributeError, match=r"has no attribute 'nonsense'"):
         far.arm.nonsense  # noqa: B018 - asking is the test
+    with pytest.raises(AttributeError, match=r"Did you mean move_jp .*crtk_commands has all"):
+        far.arm.mov_jp  # noqa: B018 - asking is the test
     with pytest.raises(AttributeError, match=r"nothing in gripper"):
         far.arm.gripper  # noqa: B018 - asking is the test
     with pytest.raises(ConnectionFailed, match=r"does not offer use_gravity_compensation"):
