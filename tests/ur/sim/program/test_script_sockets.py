@@ -89,7 +89,8 @@ def test_a_program_finds_its_own_controller_at_the_local_address(sim, address):
 )
 def test_what_a_program_reads(sim, server, call, sent, result):
     names = {"s": '"s"', "a": '"<"', "b": '">"', "v": '"speed"'}
-    with start(sim, server, f"textmsg({call.format(**names)})") as primary, accept(server) as peer:
+    lines = f"textmsg({call.format(**names)})", "sleep(10)"  # it is there while all is sent
+    with start(sim, server, *lines) as primary, accept(server) as peer:
         for byte in sent:
             peer.send(bytes([byte]))
         assert primary.message(0) == b"open True"
