@@ -210,11 +210,11 @@ def found_in(state: StateSample | None) -> str:
         return ""
     moves = max(map(abs, state.target_qd)) >= STILL
     parts = (
-        (True, "the brakes are released"),
+        (True, "its brakes were already released"),
         (state.runtime_state not in STANDING_PROGRAM, "a program runs on the controller"),
         (moves, "the arm moves"),
     )
-    return "found as it is: " + ", ".join(text for holds, text in parts if holds)
+    return "not under our control: " + ", ".join(text for holds, text in parts if holds)
 
 
 LOCAL_CONTROL = Condition(

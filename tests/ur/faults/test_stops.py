@@ -39,7 +39,7 @@ POWER_OFF, IDLE, RUNNING = 3, 5, 7
 STOPPED, PLAYING, PAUSED = 1, 2, 4
 SERVO_J = 11
 CONFIG = {"open_timeout": 5.0, "watchdog_frequency": QUICK_WATCHDOG}
-RELEASED = "the brakes are released"
+RELEASED = "its brakes were already released"
 STOP_DECELERATION = 10.0  # rad/s^2, of an arm whose program has ended
 
 both_ways = pytest.mark.parametrize("control", WAYS)
