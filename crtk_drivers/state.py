@@ -71,8 +71,9 @@ STOPS = frozenset({StateCommand.PAUSE, StateCommand.DISABLE})
 class Status:
     """What ``operating_state`` says.
 
-    `detail` is the reason of FAULT or PAUSED in words; empty otherwise. It does not name the device, and ends
-    with `remedy`: what to do about it, if that is known.
+    `detail` is the reason of FAULT or PAUSED in words. After a connection DISABLED has one, too: that the
+    link was lost and is back, and how the device was found. Otherwise it is empty. It does not name the
+    device, and ends with `remedy`: what to do about it, if that is known.
 
     `connecting`: the first attempt to reach the hardware is not over. CRTK has no state for that. It is told
     as FAULT, so that DISABLED always means that the device can be enabled; but nothing is wrong.

@@ -80,6 +80,7 @@ class Engine(Intake):
         self._alarm = ""
         self._overdue = ""
         self._broken_sample = ""
+        self._loss = ""
         self._sample_deadman = Deadman(self.options.sample_timeout)
         self._listened = 0.0
         self._sampled = 0.0
@@ -91,6 +92,8 @@ class Engine(Intake):
 
     def connect(self, deadline: float) -> None:
         """Open the device. Ends in DISABLED, whatever was before: nothing is enabled by a connection.
+
+        After a loss the reason of DISABLED names it: FAULT, which named it before, may be over in a second.
 
         Raises:
             ConnectionFailed: the state is FAULT with the reason.
@@ -111,7 +114,10 @@ class Engine(Intake):
         self._stopping.begin_anew()
         self._listened = self._clock()
         self._sample_deadman.feed(self._listened)
-        self._board.update(OperatingState.DISABLED, self.device.found)
+        loss, self._loss = self._loss, ""
+        back = f"the link was lost ({loss}) and is back" if loss else ""
+        reason = "; ".join(filter(None, (back, self.device.found)))
+        self._board.update(OperatingState.DISABLED, reason)
         self._turns.turn()
 
     def cycle(self, deadline: float) -> None:
@@ -205,6 +211,8 @@ class Engine(Intake):
         self._health.pause()
         self._feedback.invalidate()
         told = without_name(reason, self.where)
+        if was_connected:  # else an attempt to open it failed, and the loss came before that
+            self._loss = told.rstrip(" .")
         self._requests.break_off(told)
         gone = ConnectionLost(told, where=self.where, remedy=remedy)
         try:
@@ -245,6 +253,7 @@ class Engine(Intake):
                 overdue = self._stopping.unseen
         finally:
             self._connected = False
+            self._loss = ""
             self._health.connected = False
             self._requests.end(ConnectionLost("shut down", where=self.where))
             self.device.close()

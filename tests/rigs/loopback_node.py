@@ -69,7 +69,7 @@ class Rig:
         self.device.reachable, self.device.silent = True, False
         self.device.reported = Condition()
         engine = self.session.engine
-        eventually(lambda: engine.status.detail == "", "the device is back")
+        eventually(lambda: engine.connected, "the device is back")
         begun = time.time_ns()
         engine.state_command("disable")
         eventually(

@@ -14,7 +14,7 @@ from crtk_drivers.errors import (
 )
 from crtk_drivers.samples import Sample
 from crtk_drivers.state import OperatingState
-from rigs.scripted_engine import Rig
+from rigs.scripted_engine import Rig, ScriptedDevice
 
 S = OperatingState
 
@@ -71,6 +71,35 @@ def test_a_reconnection_ends_disabled_with_nothing_written_and_enable_starts_fro
     assert rig.setpoint()["position"] == [0.5, 0.5]
     assert len(rig.written) == writes
     assert rig.engine.health().reconnects == 1
+
+
+def test_after_a_reconnection_the_reason_names_the_loss_and_what_was_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ScriptedDevice, "found", "torque is on")
+    rig = Rig().connect()
+    assert rig.engine.status.detail == "torque is on"
+    rig.disconnect("rig nowhere:1: cable pulled.", remedy="Plug it in.")
+    rig.device.fail["open"] = ConnectionFailed("no answer", where="nowhere:1")
+    rig.connect()
+    del rig.device.fail["open"]
+    rig.connect()
+    lost = "the link was lost (cable pulled) and is back"
+    assert rig.engine.status.detail == f"{lost}; torque is on"
+    monkeypatch.setattr(ScriptedDevice, "found", "")
+    rig.disconnect("cable pulled")
+    rig.connect()
+    assert rig.engine.status.detail == lost
+    rig.command("disable")
+    assert not rig.engine.status.detail, "somebody has seen it"
+
+
+def test_the_reason_names_no_loss_that_came_before_a_close() -> None:
+    rig = Rig().connect()
+    rig.disconnect("cable pulled")
+    rig.engine.shut_down()
+    rig.connect()
+    assert not rig.engine.status.detail
 
 
 def test_enable_waits_for_a_sample_of_this_connection() -> None:

@@ -109,6 +109,20 @@ def test_state_tells_the_reason_of_a_fault(
     assert re.search(r"^FAULT  homed\nreason: .*the door is open", out, re.MULTILINE)
 
 
+def test_state_names_a_loss_that_is_over(far: Far, run: Run) -> None:
+    """Who looks a second later learns of it, too: by `/diagnostics`, which is what `state` shows."""
+    losses = far.engine.health().reconnects
+    far.device.reachable = False
+    eventually(lambda: far.engine.health().reconnects > losses, "the link is lost")
+    far.device.reachable = True
+    eventually(lambda: far.engine.connected, "it is back")
+    eventually(lambda: far.arm.operating_state().state is OperatingState.DISABLED, "it is heard of")
+    code, out, _ = run("state", NAMESPACE)
+    assert code == 0
+    reason = "the link was lost (loopback: the link is gone) and is back"
+    assert f"DISABLED  homed\nreason: {reason}\nnext: crtk-driver enable" in out
+
+
 @pytest.mark.slow
 def test_state_tells_that_a_driver_is_connecting(run_far: Run) -> None:
     opens = threading.Event()

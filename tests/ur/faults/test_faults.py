@@ -5,6 +5,7 @@ The faults are those of the table F1 to F20 in the documentation that concern th
 
 import logging
 import os
+import re
 import signal
 import threading
 import time
@@ -337,6 +338,8 @@ def test_f1_every_command_says_that_there_is_no_connection(bench):
     bench.sim.control.clear()
     bench.until_state("DISABLED")
     assert bench.arm.health().reconnects >= 1
+    told = r"the link was lost \(.+\) and is back; found as it is: the brakes are released"
+    assert re.match(told, bench.status.detail)
 
 
 @by_native
