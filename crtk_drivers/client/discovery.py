@@ -73,6 +73,11 @@ class Catalogue:
         return f"{self.namespace.rstrip('/')}/"
 
     @property
+    def has_manifest(self) -> bool:
+        """Whether the device publishes a manifest, which may still be on its way."""
+        return bool(self._inboxes)
+
+    @property
     def manifest(self) -> Mapping[str, Any]:
         """The manifest, empty for a device without one. Several nodes in a namespace are merged."""
         merged: dict[str, Any] = {}

@@ -168,8 +168,13 @@ class RemoteDevice(DeviceFront, AnyDevice):
 
         It has its own operating state if it publishes one, and otherwise that of this device.
 
+        Args:
+            name: without a slash at its ends.
+            timeout: in seconds; None: as given to `connect`.
+
         Raises:
-            ConnectionFailed: there is nothing in `timeout` s.
+            ConnectionFailed: there is nothing in `timeout` s; at once if the device's manifest does not list
+                it, with the names that there are.
         """
         if name not in self._children:
             limit = self._space.timeout if timeout is None else timeout

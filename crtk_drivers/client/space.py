@@ -13,6 +13,7 @@ from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.discovery import POLL, SETTLE, Catalogue, Feature
 from crtk_drivers.commands import ROS_TYPES, Direction, Payload
 from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.front.base import near_names
 
 if TYPE_CHECKING:
     from crtk_drivers.client.inbox import Inbox
@@ -46,6 +47,7 @@ class Space:
         self.endpoints: dict[str, Endpoint] = {}
         self.tracker: StatusTracker | None = None
         self._lock = threading.RLock()
+        self._began = time.monotonic()
         self._children: dict[str, Space] = {}
 
     def features(self) -> dict[str, Feature]:
@@ -87,7 +89,8 @@ class Space:
         """Return a sub-namespace, known whole if the device tells of it.
 
         Raises:
-            ConnectionFailed: there is nothing in it within `timeout` s.
+            ConnectionFailed: there is nothing in it within `timeout` s; at once if the manifest does not list
+                it, with the names that there are.
             CrtkError: to wait for it in a callback would be for ever.
         """
         from crtk_drivers.client.inbox import may_wait
@@ -96,14 +99,51 @@ class Space:
         if child is not None:
             return child
         child = Space(self.link, f"{self.catalogue.prefix}{name}", self.timeout, self)
+        deadline = time.monotonic() + timeout
+        self._check_child(child, name, deadline)
         # Its topics may be found a little later than those of the device, and one by one.
         is_told = self.tells_of(name)
         if not child.features() or (is_told and not child.catalogue.manifest):
             if is_told:
                 may_wait(f"the first use of {name}")
-            child.catalogue.wait(timeout)  # without the lock: others command the device meanwhile
+            left = max(0.0, deadline - time.monotonic())
+            child.catalogue.wait(left)  # without the lock: others command the device meanwhile
         with self._lock:
             return self._children.setdefault(name, child)
+
+    def _check_child(self, child: Space, name: str, deadline: float) -> None:
+        """Return unless the device's manifest lacks `name`, and nothing of anybody else is found in there.
+
+        A manifest that has not come is waited for.
+
+        Raises:
+            ConnectionFailed: says which names there are.
+            CrtkError: to wait for the manifest in a callback would be for ever.
+        """
+        from crtk_drivers.client.inbox import may_wait
+
+        # Another driver may be in there; what was connected just now may not have found it yet.
+        settled = min(deadline, self._began + SETTLE)
+        while not child.features():
+            if self.tells_of(name.partition("/")[0]) or not self.catalogue.has_manifest:
+                return
+            is_known = bool(self.catalogue.manifest)
+            if not is_known:
+                may_wait(f"the manifest of {self.namespace}")
+            if time.monotonic() >= (settled if is_known else deadline):
+                break
+            time.sleep(POLL)
+        else:
+            return
+        if is_known:
+            told = self.catalogue.manifest.get("children", ())
+            spaces = (each.partition("/")[0] for each in self.features() if "/" in each)
+            names = [*dict.fromkeys((*told, *spaces))]
+            raise ConnectionFailed(
+                f"there is nothing in {name}/",
+                where=self.namespace,
+                remedy=f"{near_names(name, names)}There is: {', '.join(names) or 'none'}.",
+            )
 
     # ------------------------------------------------------------------------------------ endpoints
 

@@ -222,7 +222,8 @@ class LocalFront(DeviceFront):
             raise ConnectionFailed(
                 f"there is no device {name!r} behind it",
                 where=self._engine.where,
-                remedy=f"There is: {', '.join(self._children) or 'none'}.",
+                remedy=f"{near_names(name, self._children)}"
+                f"There is: {', '.join(self._children) or 'none'}.",
             )
         return self._children[name]
 

@@ -130,6 +130,8 @@ def test_a_device_behind_it_is_reached_by_attribute_and_by_name(arm: LocalDevice
     assert arm.child("wrist") is arm.wrist
     with pytest.raises(crtk_drivers.CrtkError, match=r"no device 'gripper'.*There is: wrist"):
         arm.child("gripper")
+    with pytest.raises(crtk_drivers.CrtkError, match=r"Did you mean wrist\? There is: wrist"):
+        arm.child("wirst")
 
 
 def test_repr_says_state_and_address(arm: LocalDevice) -> None:

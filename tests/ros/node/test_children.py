@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 
@@ -13,7 +14,7 @@ from std_msgs.msg import Empty, String
 
 from crtk_drivers.client import connect
 from crtk_drivers.device import Device
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros import qos
 from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
@@ -55,6 +56,40 @@ def test_who_waits_for_it_keeps_nobody_from_the_device() -> None:
             assert not found.done(), "the device was held when the wait had ended"
             node.node.create_publisher(JointState, "/slow/gripper/measured_js", 10)
             assert list(found.result(LONG)[1].crtk_commands) == ["measured_js"]
+
+
+def test_a_name_that_the_manifest_lacks_is_refused_at_once() -> None:
+    ratio = {"name": "/told/trajectory_j/ratio_v", "type": "std_msgs/msg/Float64"}
+    commands = {"trajectory_j/ratio_v": ratio}
+    manifest = {"name": "told", "commands": commands, "children": ["gripper"]}
+    with Node("told_arm") as node:
+        told = node.node.create_publisher(String, "/told/driver/crtk_capabilities", qos.LATCHED)
+        told.publish(String(data=json.dumps(manifest)))
+        with connect("/told", timeout=LONG) as arm:
+            begun = time.monotonic()
+            with pytest.raises(ConnectionFailed) as caught:
+                arm.child("griper")
+            assert time.monotonic() - begun < LONG / 4
+            assert str(caught.value) == (
+                "/told: there is nothing in griper/. "
+                "Did you mean gripper? There is: gripper, trajectory_j."
+            )
+            node.node.create_publisher(JointState, "/told/camera/measured_js", 10)
+            eventually(lambda: "/told/camera/measured_js" in arm._space.link.topics(), "it is seen")
+            assert list(arm.child("camera").crtk_commands) == ["measured_js"], "somebody else's"
+
+
+def test_a_manifest_that_is_on_its_way_is_waited_for() -> None:
+    with Node("slow_manifest") as node:
+        told = node.node.create_publisher(String, "/coming/driver/crtk_capabilities", qos.LATCHED)
+        node.node.create_publisher(JointState, "/coming/measured_js", 10)
+        with connect("/coming", timeout=3.0) as arm, ThreadPoolExecutor() as pool:
+            assert not arm.manifest
+            found = pool.submit(arm.child, "griper", LONG)
+            text = json.dumps({"name": "coming", "commands": {}, "children": ["gripper"]})
+            told.publish(String(data=text))
+            with pytest.raises(ConnectionFailed, match=r"Did you mean gripper\?"):
+                found.result(LONG / 2)
 
 
 class WithGripper(LoopbackDevice):
