@@ -14,6 +14,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -40,6 +41,7 @@ from crtk_drivers.front.method_forms import (
 )
 from crtk_drivers.front.payloads import converted, value_for
 from crtk_drivers.motion.arbiter import Client
+from crtk_drivers.motion.move import Move
 from crtk_drivers.plugins import RunningSim
 from crtk_drivers.samples import (
     Flag,
@@ -80,8 +82,9 @@ class _Wait:
 class _StatusWatch(Observer):
     """Lets a client's thread wait for a status, also one that lasts for an instant only.
 
-    It also logs warnings, and refusals of one kind once in `LOG_INTERVAL`: those of the I/O thread raise
-    nowhere.
+    It also logs warnings, and refusals of one kind once in `LOG_INTERVAL`. One that raises where the command
+    was given is logged as INFO: Python prints warnings where logging is not set up, and whoever gave the
+    command would read it twice. One of the I/O thread raises nowhere, and is a warning.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -91,6 +94,27 @@ class _StatusWatch(Observer):
         self._lock = threading.Lock()
         self._waits: list[_Wait] = []
         self._refusals = Throttle(LOG_INTERVAL)
+        self._raising: set[int] = set()
+        self._awaited: set[int] = set()
+
+    @contextmanager
+    def raising(self) -> Iterator[None]:
+        """Know that what is refused within, in this thread, raises in it."""
+        thread = threading.get_ident()
+        self._raising.add(thread)
+        try:
+            yield
+        finally:
+            self._raising.discard(thread)
+
+    @contextmanager
+    def awaiting(self, stamp_ns: int) -> Iterator[None]:
+        """Know that a refusal of the state command with a stamp raises in who waits within for its end."""
+        self._awaited.add(stamp_ns)
+        try:
+            yield
+        finally:
+            self._awaited.discard(stamp_ns)
 
     @override
     def status_changed(self, status: Status, stamp: Stamp) -> None:
@@ -102,8 +126,11 @@ class _StatusWatch(Observer):
 
     @override
     def command_refused(self, refusal: CommandRefused) -> None:
-        if self._refusals.passes((refusal.command, refusal.reason), time.monotonic()):
-            self._afterwards(partial(logger.warning, "%s", refusal))
+        is_awaited = refusal.command == _STATE_COMMAND and refusal.stamp_ns in self._awaited
+        is_raised = is_awaited or threading.get_ident() in self._raising
+        level = logging.INFO if is_raised else logging.WARNING
+        if self._refusals.passes((level, refusal.command, refusal.reason), time.monotonic()):
+            self._afterwards(partial(logger.log, level, "%s", refusal))
 
     @override
     def warned(self, text: str) -> None:
@@ -251,31 +278,33 @@ class LocalFront(DeviceFront):
 
     @override
     def state_command(self, command: str, timeout: float = 30.0) -> None:
+        engine, stamp = self._engine, time.time_ns()
+        before = engine.status.state
+        if timeout <= 0.0:
+            with self._watch.raising():
+                engine.state_command(command, stamp)
+            return
         refusals: list[CommandRefused] = []
-        stamp = time.time_ns()
         watch = _RefusalWatch(refusals, stamp)
-        self._engine.add_observer(watch)
+        engine.add_observer(watch)
         try:
-            before = self._engine.status.state
-            self._engine.state_command(command, stamp)
-            if timeout <= 0.0:
-                return
-            target = target_of(before, StateCommand(command))
-            if not self._engine.wait_for(lambda: self._engine.transition_ended, timeout):
-                raise TransitionFailed(
-                    f"{command} did not end in {timeout:g} s", where=self._engine.where
-                )
-            if refusals:
-                raise refusals[-1]
-            status = self._engine.transition_outcome
-            if status.state is not target:
-                raise TransitionFailed(
-                    f"{command} ended in {status.state}: {status.cause}",
-                    where=self._engine.where,
-                    remedy=status.remedy or "Remove the cause, then send enable.",
-                )
+            with self._watch.awaiting(stamp):
+                engine.state_command(command, stamp)
+                target = target_of(before, StateCommand(command))
+                has_ended = engine.wait_for(lambda: engine.transition_ended, timeout)
         finally:
-            self._engine.remove_observer(watch)
+            engine.remove_observer(watch)
+        if not has_ended:
+            raise TransitionFailed(f"{command} did not end in {timeout:g} s", where=engine.where)
+        if refusals:
+            raise refusals[-1]
+        status = engine.transition_outcome
+        if status.state is not target:
+            raise TransitionFailed(
+                f"{command} ended in {status.state}: {status.cause}",
+                where=engine.where,
+                remedy=status.remedy or "Remove the cause, then send enable.",
+            )
 
     # ------------------------------------------------------------------------------------ CRTK names
 
@@ -321,14 +350,18 @@ class LocalFront(DeviceFront):
 
     def _requester(self, name: str) -> Callable[..., str]:
         def request(timeout: float = SERVICE_TIMEOUT) -> str:
-            return self._engine.request(name).wait(timeout)
+            with self._watch.raising():
+                asked = self._engine.request(name)
+            return asked.wait(timeout)
 
         return request
 
     def _giver(self, name: str, payload: Payload) -> Callable[[Any], None]:
         def give(value: Any) -> None:
             where = self._engine.where
-            self._engine.give(name, self._reported(lambda: converted(name, payload, value, where)))
+            with self._watch.raising():
+                taken = self._reported(lambda: converted(name, payload, value, where))
+                self._engine.give(name, taken)
 
         return give
 
@@ -387,10 +420,17 @@ class LocalFront(DeviceFront):
 
     @override
     def _sender(self, name: str, command: Command) -> Callable[..., Any]:
-        engine, client = self._engine, self._client
-        if command.payload is Payload.EMPTY:
-            return lambda: engine.submit(name, client=client)
-        return lambda value: engine.submit(name, self._payload(command, value), client=client)
+        engine, client, watch = self._engine, self._client, self._watch
+
+        def send() -> None:
+            with watch.raising():
+                engine.submit(name, client=client)
+
+        def send_value(value: Any) -> Move | None:
+            with watch.raising():
+                return engine.submit(name, self._payload(command, value), client=client)
+
+        return send if command.payload is Payload.EMPTY else send_value
 
     def _payload(self, command: Command, value: Any) -> Value:
         return self._reported(lambda: value_for(command, value, self._engine.where))

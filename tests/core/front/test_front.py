@@ -23,9 +23,9 @@ from crtk_drivers.errors import (
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import JointState, Pose, Twist, Wrench, vector
 from crtk_drivers.session import Session
-from crtk_drivers.state import OperatingState
+from crtk_drivers.state import OperatingState, StateCommand
 from crtk_drivers.testing.loopback import PLUGIN, LoopbackConfig, LoopbackDevice
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 @pytest.fixture
@@ -234,17 +234,69 @@ def test_closing_ends_a_move_and_the_threads() -> None:
     assert set(threading.enumerate()) <= before
 
 
-def test_what_raises_nowhere_is_logged_once_in_a_while(
+def logged_refusals(caplog: pytest.LogCaptureFixture) -> list[tuple[int, str]]:
+    records = [record for record in caplog.records if record.name == "crtk_drivers.front.local"]
+    return [(record.levelno, record.getMessage()) for record in records]
+
+
+def test_a_refusal_that_raises_is_logged_once_in_a_while(
     arm: LocalDevice, caplog: pytest.LogCaptureFixture
 ) -> None:
     arm.enable()
-    with caplog.at_level(logging.WARNING, "crtk_drivers.front"):
+    with caplog.at_level(logging.INFO, "crtk_drivers.front"):
         for _ in range(50):
             with pytest.raises(CommandRefused):
                 arm.servo_jp([0.0] * 5)
-    records = [record for record in caplog.records if record.name == "crtk_drivers.front.local"]
-    assert len(records) == 1
-    assert "5 values in position for 4 joints" in records[0].getMessage()
+    ((level, text),) = logged_refusals(caplog)
+    assert "5 values in position for 4 joints" in text
+    assert level == logging.INFO, "a warning is printed where logging is not set up"
+
+
+@pytest.mark.parametrize("waits", [True, False], ids=["raises", "raises nowhere"])
+def test_a_refusal_of_the_io_thread_is_a_warning_unless_it_raises(
+    arm: LocalDevice,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    waits: bool,
+) -> None:
+    def enable() -> Steps:
+        yield
+        raise CommandRefused("state_command", Reason.LOCAL_CONTROL, "somebody else is there")
+
+    monkeypatch.setitem(arm.engine._transitions._procedures, StateCommand.ENABLE, enable)
+    with caplog.at_level(logging.INFO, "crtk_drivers.front"):
+        if waits:
+            with pytest.raises(CommandRefused, match="somebody else is there"):
+                arm.enable(LONG)
+        else:
+            arm.enable(timeout=0.0)
+            eventually(lambda: logged_refusals(caplog), "it is logged")
+    ((level, text),) = logged_refusals(caplog)
+    assert "somebody else is there" in text
+    assert level == (logging.INFO if waits else logging.WARNING)
+
+
+PROGRAM = """
+import crtk_drivers
+
+with crtk_drivers.connect("virtual") as arm:
+    for refused in (arm.free, arm.pause, lambda: arm.servo_jp([0.0]), lambda: arm.servo_jp("here")):
+        try:
+            refused()
+        except crtk_drivers.CommandRefused:
+            print("caught")
+    arm.move_jp([0.0])
+"""
+
+
+def test_a_program_without_logging_shows_a_refusal_once() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=100, check=False
+    )
+    assert ended.returncode == 1
+    assert ended.stdout == "caught\n" * 4
+    assert ended.stderr.startswith("Traceback"), "nothing of what was caught"
+    assert ended.stderr.count("move_jp refused (not_enabled)") == 1
 
 
 def test_payloads_of_another_kind_are_refused(arm: LocalDevice) -> None:
