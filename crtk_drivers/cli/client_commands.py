@@ -93,20 +93,24 @@ def _state_command(command: StateCommand) -> Callable[..., None]:
     return run
 
 
-def _plain_command(name: str) -> Callable[..., None]:
-    def run(namespace: Namespace, timeout: Timeout = FIND_TIMEOUT, child: Child = "") -> None:
-        with reached(namespace, timeout, child) as device:
-            need(device, name)
-            getattr(device, name)()
-            OUT.print(f"{plain(device.namespace)}  {name} sent, and not refused")
+def _hold(namespace: Namespace, timeout: Timeout = FIND_TIMEOUT, child: Child = "") -> None:
+    from crtk_drivers.cli.hold_command import hold
 
-    return run
+    with reached(namespace, timeout, child) as device:
+        raise typer.Exit(hold(device))
+
+
+def _free(namespace: Namespace, timeout: Timeout = FIND_TIMEOUT, child: Child = "") -> None:
+    with reached(namespace, timeout, child) as device:
+        need(device, "free")
+        device.free()
+        OUT.print(f"{plain(device.namespace)}  free sent, and not refused")
 
 
 for _each in StateCommand:
     app.command(_each.value, cls=HelpfulCommand, help=_help(_each.value))(_state_command(_each))
-for _name in ("hold", "free"):
-    app.command(_name, cls=HelpfulCommand, help=_help(_name))(_plain_command(_name))
+for _name, _command in (("hold", _hold), ("free", _free)):
+    app.command(_name, cls=HelpfulCommand, help=_help(_name))(_command)
 
 
 @app.command("move", cls=HelpfulCommand, context_settings=_NUMBERS)

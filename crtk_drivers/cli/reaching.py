@@ -124,7 +124,7 @@ def held_when_interrupted(device: RemoteDevice) -> Iterator[Callable[[], None]]:
     A loop calls what it gives, which raises what was lost: see `interruptible`. The topics are set up
     beforehand: nothing has to be found when it is needed.
     """
-    for name in ("hold", *filter(None, (_place_of(device),))):
+    for name in ("hold", *filter(None, (place_of(device),))):
         need(device, name)
     with interruptible() as asked:
 
@@ -143,34 +143,47 @@ def held_when_interrupted(device: RemoteDevice) -> Iterator[Callable[[], None]]:
 
 
 def is_seen_to_stand(device: RemoteDevice, timeout: float) -> bool:
-    """Return whether a device that was told to hold is not busy, and tells anew that it stays where it is.
+    """Return whether a device that was told to hold is seen to stand; see `why_not_standing`."""
+    return not why_not_standing(device, timeout)
+
+
+def why_not_standing(device: RemoteDevice, timeout: float, *, has_state: bool = True) -> str:
+    """Return "" once a device that was told to hold is not busy, and tells anew that it stays where it is.
 
     Not to be busy says nothing of a stream: none makes a device busy. One that tells no place is believed.
+
+    Args:
+        device: that was told to hold.
+        timeout: in seconds.
+        has_state: it has an operating state, and may be busy.
+
+    Returns:
+        What is wrong otherwise, in words.
     """
     deadline = time.monotonic() + timeout
-    if not device.wait_for_busy(False, timeout):
-        return False
-    name = _place_of(device)
+    if has_state and not device.wait_for_busy(False, timeout):
+        return "it is still busy"
+    name = place_of(device)
     if not name:
-        return True
+        return ""
     rest: list[float] = []
     since = first = 0.0
     while time.monotonic() < deadline:
         try:
             value, stamp = getattr(device, name)(extra=True)
-        except CrtkError:
-            return False
+        except CrtkError as error:
+            return error.message
         place, now = [*value.position, *getattr(value, "orientation", ())], time.monotonic()
         pairs = list(zip(place, rest, strict=False))
         if not pairs or not all(abs(one - other) <= STILL for one, other in pairs):
             rest, since, first = place, now, stamp
         elif now - since >= STILL_TIME and stamp != first:
-            return True
+            return ""
         time.sleep(LOOK_PERIOD)
-    return False
+    return f"{name} still changes"
 
 
-def _place_of(device: RemoteDevice) -> str:
+def place_of(device: RemoteDevice) -> str:
     """Return the CRTK name by which a device tells where it is; empty if it does not."""
     told = device.crtk_commands
     return next((name for name in ("measured_js", "measured_cp") if name in told), "")

@@ -17,14 +17,17 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import Any, Self
 
 import numpy as np
 import pytest
 import yaml
 from geometry_msgs.msg import TwistStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty
 
 from crtk_drivers import client
-from crtk_drivers.cli import move_command
+from crtk_drivers.cli import hold_command, move_command
 from crtk_drivers.cli.echo_command import as_yaml
 from crtk_drivers.client import RemoteDevice, move_handle
 from crtk_drivers.device import Condition
@@ -352,6 +355,106 @@ def test_a_move_that_never_begins_is_followed_by_a_hold(
     assert code == 1
     assert "was never busy" in err
     eventually(lambda: came == ["move_jp", "hold"], "it is told to hold")
+
+
+def test_hold_says_when_the_device_stands(far: Far, run: Run) -> None:
+    far.arm.enable()
+    with slowly(far.engine):
+        move = far.arm.move_jp([0.95, 0.0, 0.0, 0.0])
+        assert move.is_busy()
+        code, out, err = run("hold", NAMESPACE)
+        assert not far.engine.status.is_busy
+    assert (code, err) == (0, "")
+    assert re.fullmatch(rf"{NAMESPACE}  stands, seen \d+\.\d s after hold was sent\n", out)
+
+
+def test_hold_of_a_device_that_moves_on_says_what_to_do(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far.arm.enable()
+    submit = far.engine.submit
+
+    def deaf(name: str, *rest: Any, **more: Any) -> Any:
+        return None if name == "hold" else submit(name, *rest, **more)
+
+    monkeypatch.setattr(hold_command, "STOP_TIMEOUT", 0.5)
+    with slowly(far.engine), monkeypatch.context() as patched:
+        patched.setattr(far.engine, "submit", deaf)
+        far.arm.move_jp([0.95, 0.0, 0.0, 0.0])
+        code, out, err = run("hold", NAMESPACE)
+    far.arm.hold()
+    assert (code, out) == (1, "")
+    told = " ".join(err.split())
+    assert re.search(
+        r"hold was sent, and it is not seen to stand after \d+\.\d s: it is still busy", told
+    )
+    assert "press its emergency stop. More: crtk-driver state /client_commands" in told
+
+
+class Moved:
+    """A device of another maker that tells no operating state, but where it is."""
+
+    def __init__(self, namespace: str, *, moves: bool, place: bool = True) -> None:
+        self.namespace = namespace
+        self._moves, self._place = moves, place
+        self._stop = threading.Event()
+        self._made = Node(namespace.strip("/"))
+        self.holds = 0
+
+    def __enter__(self) -> Self:
+        node = self._made.__enter__().node
+        node.create_subscription(Empty, f"{self.namespace}/hold", self._hold, 10)
+        # Something is published in any case: who listens only is not found as a device.
+        name = "measured_js" if self._place else "setpoint_js"
+        publisher = node.create_publisher(JointState, f"{self.namespace}/{name}", 10)
+
+        def publish() -> None:
+            message, begun = JointState(), time.monotonic()
+            while not self._stop.wait(0.01):
+                message.header.stamp = node.get_clock().now().to_msg()
+                message.position = [time.monotonic() - begun if self._moves else 0.5]
+                publisher.publish(message)
+
+        self._thread = threading.Thread(target=publish)
+        self._thread.start()
+        return self
+
+    def _hold(self, message: Empty) -> None:
+        self.holds += 1
+
+    def __exit__(self, *details: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._made.__exit__(*details)
+
+
+@pytest.mark.parametrize(
+    ("moves", "place", "code", "says"),
+    [
+        (False, True, 0, r"stands, seen \d+\.\d s after"),
+        (True, True, 1, "measured_js still changes"),
+        (False, False, 0, "does not report whether it stands"),
+    ],
+    ids=["stands", "moves", "tells nothing"],
+)
+def test_hold_of_a_device_without_operating_state(
+    run_far: Run, moves: bool, place: bool, code: int, says: str
+) -> None:
+    with Moved("/stateless", moves=moves, place=place) as device:
+        ended, out, err = run_far("hold", device.namespace, *FOUND)
+        eventually(lambda: device.holds, "it was told to hold")
+    assert ended == code
+    assert re.search(says, " ".join((out + err).split()))
+
+
+def test_hold_of_a_sensor_says_what_it_offers(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offered = {name: each for name, each in far.arm.crtk_commands.items() if name != "hold"}
+    monkeypatch.setattr(RemoteDevice, "crtk_commands", offered)
+    code, _, err = run("hold", NAMESPACE)
+    assert code
+    assert "does not offer hold" in err
 
 
 @pytest.mark.slow
