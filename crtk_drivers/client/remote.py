@@ -451,6 +451,7 @@ class RemoteDevice(DeviceFront, AnyDevice):
 
         Raises:
             ConnectionLost: the device is not heard any more.
+            ConnectionFailed, DataTimeout: at the first use, none was heard in time.
         """
         tracker = self._space.status()
         lost = tracker.lost()

@@ -77,6 +77,9 @@ class Operated(Protocol):
         Raises:
             CommandRefused: invalid in this state, or refused by the device.
             TransitionFailed: it ended in another state, or did not end in time.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found, or no state
+                was heard, in time.
+            ConnectionLost: over ROS, the device is not heard any more.
         """
 
     def is_enabled(self) -> bool:

@@ -66,6 +66,8 @@ class Tracker(SomeDevice, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cp_array(
@@ -99,6 +101,8 @@ class ForceSensorRaw(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cf(
@@ -136,6 +140,8 @@ class ForceSensor(SomeDevice, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cf(
@@ -154,6 +160,9 @@ class Moving(SomeDevice, Protocol):
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def free(self) -> None:
@@ -161,6 +170,9 @@ class Moving(SomeDevice, Protocol):
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def use_gravity_compensation(self, value: bool, /) -> None:
@@ -171,6 +183,9 @@ class Moving(SomeDevice, Protocol):
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
 class JointMotionTrajectoryJ(Protocol):
@@ -184,6 +199,9 @@ class JointMotionTrajectoryJ(Protocol):
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def set_ratio_v(self, value: float, /) -> None:
@@ -194,6 +212,9 @@ class JointMotionTrajectoryJ(Protocol):
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def set_ratio_a(self, value: float, /) -> None:
@@ -204,6 +225,9 @@ class JointMotionTrajectoryJ(Protocol):
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     @overload
@@ -225,6 +249,8 @@ class JointMotionTrajectoryJ(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def ratio(
@@ -253,6 +279,8 @@ class JointMotionTrajectoryJ(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def ratio_v(
@@ -281,6 +309,8 @@ class JointMotionTrajectoryJ(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def ratio_a(
@@ -318,6 +348,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_js(
@@ -346,6 +378,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_jp(
@@ -374,6 +408,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_jv(
@@ -402,6 +438,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_jf(
@@ -431,6 +469,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_js(
@@ -459,6 +499,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_jp(
@@ -487,6 +529,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_jv(
@@ -515,6 +559,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_jf(
@@ -544,6 +590,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def goal_js(
@@ -572,6 +620,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def goal_jp(
@@ -600,6 +650,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def goal_jv(
@@ -628,6 +680,8 @@ class JointMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def goal_jf(
@@ -644,7 +698,11 @@ class JointMotion(Moving, Protocol):
             value: (n,) in rad (m), one for each joint; or a JointState.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_jr(self, value: JointsLike, /) -> None:
@@ -654,7 +712,11 @@ class JointMotion(Moving, Protocol):
             value: (n,) in rad (m), one for each joint; or a JointState.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_jv(self, value: JointsLike, /) -> None:
@@ -664,7 +726,11 @@ class JointMotion(Moving, Protocol):
             value: (n,) in rad/s (m/s), one for each joint; or a JointState.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_jf(self, value: JointsLike, /) -> None:
@@ -674,7 +740,11 @@ class JointMotion(Moving, Protocol):
             value: (n,) in N·m (N), one for each joint; or a JointState.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_js(self, value: JointServo, /) -> None:
@@ -685,7 +755,11 @@ class JointMotion(Moving, Protocol):
                 N·m (N); as a JointServo.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_jp(self, value: JointsLike, /) -> None:
@@ -695,7 +769,11 @@ class JointMotion(Moving, Protocol):
             value: (n,) in rad (m), one for each joint; or a JointState.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_jr(self, value: JointsLike, /) -> None:
@@ -705,7 +783,11 @@ class JointMotion(Moving, Protocol):
             value: (n,) in rad (m), one for each joint; or a JointState.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_jv(self, value: JointsLike, /) -> None:
@@ -715,7 +797,11 @@ class JointMotion(Moving, Protocol):
             value: (n,) in rad/s (m/s), one for each joint; or a JointState.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_jf(self, value: JointsLike, /) -> None:
@@ -725,7 +811,11 @@ class JointMotion(Moving, Protocol):
             value: (n,) in N·m (N), one for each joint; or a JointState.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def move_jp(self, goal: JointsLike, /) -> Move:
@@ -735,10 +825,14 @@ class JointMotion(Moving, Protocol):
             goal: (n,) in rad (m), one for each joint; or a JointState.
 
         Returns:
-            Move: `wait()` waits until it has ended.
+            Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at
+                the goal, and over ROS ConnectionLost once the device is not heard any more.
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def move_jr(self, goal: JointsLike, /) -> Move:
@@ -748,10 +842,14 @@ class JointMotion(Moving, Protocol):
             goal: (n,) in rad (m), one for each joint; or a JointState.
 
         Returns:
-            Move: `wait()` waits until it has ended.
+            Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at
+                the goal, and over ROS ConnectionLost once the device is not heard any more.
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
 class CartesianMotionLocal(Protocol):
@@ -777,6 +875,8 @@ class CartesianMotionLocal(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cp(
@@ -806,6 +906,8 @@ class CartesianMotionLocal(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_cp(
@@ -824,7 +926,11 @@ class CartesianMotionLocal(Protocol):
                 the device's own base.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cr(self, value: PoseLike, /) -> None:
@@ -836,7 +942,11 @@ class CartesianMotionLocal(Protocol):
                 of the device's own base, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cv(self, value: TwistLike, /) -> None:
@@ -847,7 +957,11 @@ class CartesianMotionLocal(Protocol):
                 the axes of the device's own base, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cf(self, value: WrenchLike, /) -> None:
@@ -858,7 +972,11 @@ class CartesianMotionLocal(Protocol):
                 axes of the device's own base, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cs(self, value: CartesianServo, /) -> None:
@@ -869,7 +987,11 @@ class CartesianMotionLocal(Protocol):
                 force in N (N·m); as a CartesianServo.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cp(self, value: PoseLike, /) -> None:
@@ -881,7 +1003,11 @@ class CartesianMotionLocal(Protocol):
                 the device's own base.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cr(self, value: PoseLike, /) -> None:
@@ -893,7 +1019,11 @@ class CartesianMotionLocal(Protocol):
                 of the device's own base, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cv(self, value: TwistLike, /) -> None:
@@ -904,7 +1034,11 @@ class CartesianMotionLocal(Protocol):
                 the axes of the device's own base, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cf(self, value: WrenchLike, /) -> None:
@@ -915,7 +1049,11 @@ class CartesianMotionLocal(Protocol):
                 axes of the device's own base, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def move_cp(self, goal: PoseLike, /) -> Move:
@@ -927,10 +1065,14 @@ class CartesianMotionLocal(Protocol):
                 the device's own base.
 
         Returns:
-            Move: `wait()` waits until it has ended.
+            Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at
+                the goal, and over ROS ConnectionLost once the device is not heard any more.
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def move_cr(self, goal: PoseLike, /) -> Move:
@@ -942,10 +1084,14 @@ class CartesianMotionLocal(Protocol):
                 of the device's own base, at the tool point.
 
         Returns:
-            Move: `wait()` waits until it has ended.
+            Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at
+                the goal, and over ROS ConnectionLost once the device is not heard any more.
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def forward_kinematics(self, joints: ArrayLike, timeout: float = 5.0) -> Pose:
@@ -960,7 +1106,9 @@ class CartesianMotionLocal(Protocol):
                 the device's own base.
 
         Raises:
-            CommandRefused, KinematicsError: why there is no answer.
+            CommandRefused: what was given cannot be used; over ROS that is a KinematicsError.
+            ConnectionFailed, DataTimeout: over ROS, nobody serves it, or there was no answer in
+                `timeout` s; CrtkError inside a callback.
         """
 
 class CartesianMotionBody(Protocol):
@@ -986,6 +1134,8 @@ class CartesianMotionBody(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cv(
@@ -1015,6 +1165,8 @@ class CartesianMotionBody(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cf(
@@ -1044,6 +1196,8 @@ class CartesianMotionBody(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_cv(
@@ -1073,6 +1227,8 @@ class CartesianMotionBody(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_cf(
@@ -1091,7 +1247,11 @@ class CartesianMotionBody(Protocol):
                 of the tool, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cv(self, value: TwistLike, /) -> None:
@@ -1102,7 +1262,11 @@ class CartesianMotionBody(Protocol):
                 the axes of the tool, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cf(self, value: WrenchLike, /) -> None:
@@ -1113,7 +1277,11 @@ class CartesianMotionBody(Protocol):
                 axes of the tool, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cr(self, value: PoseLike, /) -> None:
@@ -1125,7 +1293,11 @@ class CartesianMotionBody(Protocol):
                 of the tool, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cv(self, value: TwistLike, /) -> None:
@@ -1136,7 +1308,11 @@ class CartesianMotionBody(Protocol):
                 the axes of the tool, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cf(self, value: WrenchLike, /) -> None:
@@ -1147,7 +1323,11 @@ class CartesianMotionBody(Protocol):
                 axes of the tool, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def move_cr(self, goal: PoseLike, /) -> Move:
@@ -1159,10 +1339,14 @@ class CartesianMotionBody(Protocol):
                 of the tool, at the tool point.
 
         Returns:
-            Move: `wait()` waits until it has ended.
+            Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at
+                the goal, and over ROS ConnectionLost once the device is not heard any more.
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     @overload
@@ -1184,6 +1368,8 @@ class CartesianMotionBody(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def jacobian(
@@ -1201,6 +1387,9 @@ class CartesianMotionBody(Protocol):
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
 class CartesianMotionSpatial(Protocol):
@@ -1226,6 +1415,8 @@ class CartesianMotionSpatial(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cv(
@@ -1255,6 +1446,8 @@ class CartesianMotionSpatial(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cf(
@@ -1284,6 +1477,8 @@ class CartesianMotionSpatial(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_cv(
@@ -1313,6 +1508,8 @@ class CartesianMotionSpatial(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_cf(
@@ -1331,7 +1528,11 @@ class CartesianMotionSpatial(Protocol):
                 of the base frame, at its origin.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cv(self, value: TwistLike, /) -> None:
@@ -1342,7 +1543,11 @@ class CartesianMotionSpatial(Protocol):
                 the axes of the base frame, at its origin.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cf(self, value: WrenchLike, /) -> None:
@@ -1353,7 +1558,11 @@ class CartesianMotionSpatial(Protocol):
                 axes of the base frame, at its origin.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cr(self, value: PoseLike, /) -> None:
@@ -1365,7 +1574,11 @@ class CartesianMotionSpatial(Protocol):
                 of the base frame, at its origin.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cv(self, value: TwistLike, /) -> None:
@@ -1376,7 +1589,11 @@ class CartesianMotionSpatial(Protocol):
                 the axes of the base frame, at its origin.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cf(self, value: WrenchLike, /) -> None:
@@ -1387,7 +1604,11 @@ class CartesianMotionSpatial(Protocol):
                 axes of the base frame, at its origin.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def move_cr(self, goal: PoseLike, /) -> Move:
@@ -1399,10 +1620,14 @@ class CartesianMotionSpatial(Protocol):
                 of the base frame, at its origin.
 
         Returns:
-            Move: `wait()` waits until it has ended.
+            Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at
+                the goal, and over ROS ConnectionLost once the device is not heard any more.
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     @overload
@@ -1424,6 +1649,8 @@ class CartesianMotionSpatial(Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def jacobian(
@@ -1469,6 +1696,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cp(
@@ -1498,6 +1727,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cv(
@@ -1527,6 +1758,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured_cf(
@@ -1556,6 +1789,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_cp(
@@ -1585,6 +1820,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_cv(
@@ -1614,6 +1851,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def setpoint_cf(
@@ -1643,6 +1882,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def goal_cp(
@@ -1672,6 +1913,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def goal_cv(
@@ -1690,7 +1933,11 @@ class CartesianMotion(Moving, Protocol):
                 frame.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cr(self, value: PoseLike, /) -> None:
@@ -1702,7 +1949,11 @@ class CartesianMotion(Moving, Protocol):
                 of the base frame, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cv(self, value: TwistLike, /) -> None:
@@ -1713,7 +1964,11 @@ class CartesianMotion(Moving, Protocol):
                 the axes of the base frame, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cf(self, value: WrenchLike, /) -> None:
@@ -1724,7 +1979,11 @@ class CartesianMotion(Moving, Protocol):
                 axes of the base frame, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def servo_cs(self, value: CartesianServo, /) -> None:
@@ -1735,7 +1994,11 @@ class CartesianMotion(Moving, Protocol):
                 force in N (N·m); as a CartesianServo.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cp(self, value: PoseLike, /) -> None:
@@ -1747,7 +2010,11 @@ class CartesianMotion(Moving, Protocol):
                 frame.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cr(self, value: PoseLike, /) -> None:
@@ -1759,7 +2026,11 @@ class CartesianMotion(Moving, Protocol):
                 of the base frame, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cv(self, value: TwistLike, /) -> None:
@@ -1770,7 +2041,11 @@ class CartesianMotion(Moving, Protocol):
                 the axes of the base frame, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def interpolate_cf(self, value: WrenchLike, /) -> None:
@@ -1781,7 +2056,11 @@ class CartesianMotion(Moving, Protocol):
                 axes of the base frame, at the tool point.
 
         Raises:
-            CommandRefused: the device does not accept it; the error says why, and what to do.
+            CommandRefused: the device does not accept it; the error says why, and what to do. Over
+                ROS the next call raises it.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def move_cp(self, goal: PoseLike, /) -> Move:
@@ -1793,10 +2072,14 @@ class CartesianMotion(Moving, Protocol):
                 frame.
 
         Returns:
-            Move: `wait()` waits until it has ended.
+            Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at
+                the goal, and over ROS ConnectionLost once the device is not heard any more.
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     def move_cr(self, goal: PoseLike, /) -> Move:
@@ -1808,10 +2091,14 @@ class CartesianMotion(Moving, Protocol):
                 of the base frame, at the tool point.
 
         Returns:
-            Move: `wait()` waits until it has ended.
+            Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at
+                the goal, and over ROS ConnectionLost once the device is not heard any more.
 
         Raises:
             CommandRefused: the device does not accept it; the error says why, and what to do.
+            ConnectionLost: over ROS, nobody listens to it any more.
+            ConnectionFailed, DataTimeout: over ROS at the first use, the other end was not found in
+                time; CrtkError inside a callback.
         """
 
     @overload
@@ -1833,6 +2120,8 @@ class CartesianMotion(Moving, Protocol):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def jacobian(
@@ -1854,7 +2143,9 @@ class CartesianMotion(Moving, Protocol):
                 frame.
 
         Raises:
-            CommandRefused, KinematicsError: why there is no answer.
+            CommandRefused: what was given cannot be used; over ROS that is a KinematicsError.
+            ConnectionFailed, DataTimeout: over ROS, nobody serves it, or there was no answer in
+                `timeout` s; CrtkError inside a callback.
         """
 
     def inverse_kinematics(
@@ -1877,7 +2168,10 @@ class CartesianMotion(Moving, Protocol):
             Vector: (n,) in rad (m), one for each joint.
 
         Raises:
-            CommandRefused, KinematicsError: why there is no answer.
+            CommandRefused: what was given cannot be used; over ROS that is a KinematicsError.
+            KinematicsError: no joint position within the limits reaches the pose.
+            ConnectionFailed, DataTimeout: over ROS, nobody serves it, or there was no answer in
+                `timeout` s; CrtkError inside a callback.
         """
 
 class Gripper(JointMotion, Protocol):

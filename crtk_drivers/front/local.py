@@ -173,7 +173,12 @@ class LocalFront(DeviceFront):
 
     @override
     def close(self) -> None:
-        """Leave the hardware holding and disconnect; with all that belongs to it."""
+        """Leave the hardware holding and disconnect; with all that belongs to it.
+
+        Raises:
+            StopUnconfirmed: it was not seen to stand.
+            DeviceError: it could not be told to stop, or the driver's thread did not end in time.
+        """
         self._client.leave()
         self._session.close()
 

@@ -63,6 +63,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -76,6 +81,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -89,6 +99,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -102,6 +117,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -115,6 +135,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -128,6 +153,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -141,6 +171,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -154,6 +189,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -167,6 +207,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -180,6 +225,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -193,6 +243,11 @@ class AtiNetft(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -343,6 +398,8 @@ class Dvrk(LocalFront, Arm):
 
         Raises:
             DataTimeout: there is no value that is new enough.
+            ConnectionFailed: over ROS at the first use, the other end was not found in time;
+                CrtkError inside a callback.
         """
     @overload
     def measured2_js(
@@ -396,6 +453,11 @@ class ForceDimension(LocalFront, HapticDevice):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -558,6 +620,11 @@ class Ndi(LocalFront, Tracker):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -631,6 +698,11 @@ class Onrobot(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -674,6 +746,11 @@ class Openhaptics(LocalFront, HapticDevice):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -720,6 +797,11 @@ class Optoforce(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -733,6 +815,11 @@ class Optoforce(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -746,6 +833,11 @@ class Optoforce(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -759,6 +851,11 @@ class Optoforce(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -772,6 +869,11 @@ class Optoforce(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -856,6 +958,11 @@ class Robotiq(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -929,6 +1036,11 @@ class RobotiqEpick(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -945,6 +1057,11 @@ class RobotiqFt300(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -958,6 +1075,11 @@ class RobotiqFt300(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -971,6 +1093,11 @@ class RobotiqFt300(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1037,6 +1164,11 @@ class Schunk(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1050,6 +1182,11 @@ class Schunk(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1063,6 +1200,11 @@ class Schunk(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1076,6 +1218,11 @@ class Schunk(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1102,6 +1249,11 @@ class SchunkFts(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1115,6 +1267,11 @@ class SchunkFts(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1128,6 +1285,11 @@ class SchunkFts(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1141,6 +1303,11 @@ class SchunkFts(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1154,6 +1321,11 @@ class SchunkFts(LocalFront, ForceSensor):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1867,6 +2039,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1880,6 +2057,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1893,6 +2075,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1906,6 +2093,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1919,6 +2111,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1932,6 +2129,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1945,6 +2147,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1958,6 +2165,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1971,6 +2183,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1984,6 +2201,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -1997,6 +2219,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2010,6 +2237,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2023,6 +2255,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2036,6 +2273,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2049,6 +2291,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2062,6 +2309,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2075,6 +2327,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2088,6 +2345,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2101,6 +2363,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2114,6 +2381,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2127,6 +2399,11 @@ class Ur(LocalFront, Arm):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2705,6 +2982,11 @@ class WeissWsg(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2718,6 +3000,11 @@ class WeissWsg(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 
@@ -2731,6 +3018,11 @@ class WeissWsg(LocalFront, Gripper):
             str: the answer of the device, in words.
 
         Raises:
+            CommandRefused: it cannot be carried out now; the error says why.
+            DataTimeout: it has not ended in `timeout` s; it goes on all the same.
+            TransitionFailed: a stop broke it off, or it did not end in the time that the device has
+                for it.
+            ConnectionLost: the link to the device was lost meanwhile.
             CrtkError: what the device says of why it failed.
         """
 

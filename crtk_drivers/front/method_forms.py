@@ -164,8 +164,28 @@ _FEEDBACK_ARGS = (
     ("wait", f"how long to wait for one that is new enough, in s. None: {DEFAULT_WAIT:g} s."),
     ("extra", "also return the stamp, in s since the epoch; 0 marks a value that is not valid."),
 )
-_NO_DATA = "DataTimeout: there is no value that is new enough."
+_FIRST_USE = "over ROS at the first use, the other end was not found in time"
+_NO_DATA = (
+    "DataTimeout: there is no value that is new enough.",
+    f"ConnectionFailed: {_FIRST_USE}; CrtkError inside a callback.",
+)
 _REFUSED = "CommandRefused: the device does not accept it; the error says why, and what to do."
+_REFUSED_LATE = f"{_REFUSED} Over ROS the next call raises it."
+_SENT = (
+    "ConnectionLost: over ROS, nobody listens to it any more.",
+    f"ConnectionFailed, DataTimeout: {_FIRST_USE}; CrtkError inside a callback.",
+)
+_ASKED = (
+    "ConnectionFailed, DataTimeout: over ROS, nobody serves it, or there was no answer in `timeout` s; "
+    "CrtkError inside a callback."
+)
+_SERVED = (
+    "CommandRefused: it cannot be carried out now; the error says why.",
+    "DataTimeout: it has not ended in `timeout` s; it goes on all the same.",
+    "TransitionFailed: a stop broke it off, or it did not end in the time that the device has for it.",
+    "ConnectionLost: the link to the device was lost meanwhile.",
+    "CrtkError: what the device says of why it failed.",
+)
 
 
 @cache
@@ -176,19 +196,24 @@ def form_of(command: Command, field: str = "") -> Form:
     if command.direction is Direction.SERVICE:
         return _query(command)
     if command.payload is Payload.EMPTY:
-        return _form(summary_of(command), (), "None", raises=_REFUSED)
+        return _form(summary_of(command), (), "None", raises=(_REFUSED, *_SENT))
     words = _VALUES[command.payload, command.kind]
     name = "goal" if command.level is Level.MOVE else "value"
     returns, result = "None", ""
     if command.level is Level.MOVE:
-        returns, result = "Move", "Move: `wait()` waits until it has ended."
+        returns = "Move"
+        result = (
+            "Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at the "
+            "goal, and over ROS ConnectionLost once the device is not heard any more."
+        )
+    is_stream = command.level in (Level.SERVO, Level.INTERPOLATE)
     return _form(
         summary_of(command),
         (_parameter(name, words.accepted),),
         returns,
         args=((name, f"{_accepted(words)} {_frame(command)}".strip()),),
         result=result,
-        raises=_REFUSED,
+        raises=(_REFUSED_LATE if is_stream else _REFUSED, *_SENT),
     )
 
 
@@ -216,7 +241,7 @@ def form_of_service(summary: str) -> Form:
         "str",
         args=(("timeout", "how long to wait for the answer, in s."),),
         result="str: the answer of the device, in words.",
-        raises="CrtkError: what the device says of why it failed.",
+        raises=_SERVED,
     )
 
 
@@ -229,7 +254,7 @@ def form_of_input(summary: str, payload: Payload) -> Form:
         (_parameter("value", words.accepted),),
         "None",
         args=(("value", _accepted(words)),),
-        raises=_REFUSED,
+        raises=(_REFUSED,),
     )
 
 
@@ -242,7 +267,7 @@ def form_of_reading(summary: str, payload: Payload) -> Form:
         (),
         words.returned,
         result=f"{words.returned}: {words.shape}.",
-        raises="DataTimeout: it is not known now.",
+        raises=("DataTimeout: it is not known now.",),
     )
 
 
@@ -275,7 +300,7 @@ def _query(command: Command) -> Form:
     keyword = Parameter.POSITIONAL_OR_KEYWORD
     timeout = Parameter("timeout", keyword, default=QUERY_TIMEOUT, annotation="float")
     until = ("timeout", "how long to wait for the answer, in s.")
-    raises = "CommandRefused, KinematicsError: why there is no answer."
+    refused = "CommandRefused: what was given cannot be used; over ROS that is a KinematicsError."
     joints = "(n,) in rad (m), one for each joint"
     pose = "position (3,) in m, orientation (4,) a unit quaternion x, y, z, w"
     if command.payload is Payload.FORWARD_KINEMATICS:
@@ -286,7 +311,7 @@ def _query(command: Command) -> Form:
             "Pose",
             args=(("joints", f"{joints}."), until),
             result=f"Pose: {pose}. {_frame(command)}",
-            raises=raises,
+            raises=(refused, _ASKED),
         )
     given = Parameter("pose", keyword, annotation="PoseLike")
     reference = Parameter("reference", keyword, default=(), annotation="ArrayLike")
@@ -300,7 +325,11 @@ def _query(command: Command) -> Form:
             until,
         ),
         result=f"Vector: {joints}.",
-        raises=raises,
+        raises=(
+            refused,
+            "KinematicsError: no joint position within the limits reaches the pose.",
+            _ASKED,
+        ),
     )
 
 
@@ -349,12 +378,12 @@ def _form(
     *,
     args: tuple[tuple[str, str], ...] = (),
     result: str = "",
-    raises: str = "",
+    raises: tuple[str, ...] = (),
 ) -> Form:
     sections = (
         ("Args", [f"{name}: {text}" for name, text in args]),
         ("Returns", [result] if result else []),
-        ("Raises", [raises] if raises else []),
+        ("Raises", [*raises]),
     )
     lines = textwrap.wrap(summary, WIDTH)
     for title, entries in sections:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 import crtk_drivers
-from crtk_drivers.commands import COMMANDS, Direction, Payload
+from crtk_drivers.commands import COMMANDS, Direction, Level, Payload
 from crtk_drivers.device import Input, Reading, Service
 from crtk_drivers.front import LocalDevice, local_devices
 from crtk_drivers.front.method_forms import form_of, form_of_input, form_of_reading
@@ -58,6 +58,13 @@ def arm() -> Iterator[LocalDevice]:
         yield arm
 
 
+_RAISED = {
+    Direction.PUBLISHED: ("DataTimeout", "ConnectionFailed"),
+    Direction.COMMANDED: ("CommandRefused", "ConnectionLost", "ConnectionFailed", "DataTimeout"),
+    Direction.SERVICE: ("CommandRefused", "KinematicsError", "ConnectionFailed", "DataTimeout"),
+}
+
+
 @pytest.mark.parametrize(
     "command",
     [each for each in COMMANDS.values() if each.name not in ("operating_state", "state_command")],
@@ -67,6 +74,9 @@ def test_each_command_has_a_form(command) -> None:
     form = form_of(command)
     assert form.doc.partition("\n")[0].endswith(".")
     assert "Raises:" in form.doc
+    for error in _RAISED[command.direction]:
+        assert error in form.doc.partition("Raises:")[2]
+    assert ("MotionAborted" in form.doc) is (command.level is Level.MOVE)
     assert ("Returns:" in form.doc) is (form.signature.return_annotation != "None")
     if command.direction is Direction.PUBLISHED:
         assert form.is_feedback
@@ -119,6 +129,9 @@ def test_dir_lists_what_is_offered(arm: LocalDevice) -> None:
 
 def test_what_is_beyond_crtk_is_reached_by_attribute_and_by_name(arm: LocalDevice) -> None:
     assert arm.extras["tare"](timeout=LONG) == "done"
+    raised = (inspect.getdoc(arm.tare) or "").partition("Raises:")[2]
+    for error in ("CommandRefused", "DataTimeout", "TransitionFailed", "ConnectionLost"):
+        assert error in raised
     assert arm.extras["state/door"]() is arm.state.door() is True
     assert arm.extras["lamp"](True) is None
     assert "value: True or False." in (inspect.getdoc(arm.lamp) or "")
