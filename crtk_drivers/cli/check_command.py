@@ -197,7 +197,10 @@ def _check_rate(engine: Engine) -> Iterator[Finding]:
 
 
 def _check_enable(engine: Engine, what: str) -> Iterator[Finding]:
-    """Say what would refuse `enable`. It comes last, when the device has told all of itself."""
+    """Yield what would refuse `enable` now.
+
+    It is the last check: some devices need the second before to report all that stands in the way.
+    """
     status = engine.status
     obstacles = [(_reason(error), error.remedy) for error in engine.device.obstacles]
     if not obstacles:

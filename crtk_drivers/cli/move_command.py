@@ -95,10 +95,19 @@ def move(
 
 @contextmanager
 def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[], bool]]:
-    """Within, moves of the device take this share of its limits; then as before. Signals raise meanwhile.
+    """Set the share of the device's limits for moves within the block, and put the old shares back after it.
 
-    The share and the goal go over two topics, and the goal may come first: it is sent once the device has
-    reported the share. Another client may set the share, too. What it gives says whether it is still ours.
+    The share and the goal go over two topics, and the goal may come first. So the block begins once the
+    device has reported the share. Another client may set the share, too: it is put back only if it is ours.
+
+    Signals must raise `Interrupted` within, as in `held_when_interrupted`.
+
+    Args:
+        device: that moves.
+        speed: the share; None: leave it as it is.
+
+    Yields:
+        A function that returns whether the device still has our share.
 
     Raises:
         ConfigError: the device knows no such share.
@@ -115,10 +124,21 @@ def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[]
     def is_ours() -> bool:
         return (ratios.ratio_v(), ratios.ratio_a()) == ours
 
-    def put_back() -> None:
+    def restore() -> None:
         ratios.set_ratio(before[0])
         if before[1] != before[0]:
             ratios.set_ratio_a(before[1])
+
+    def put_back() -> None:
+        is_due = True
+        try:
+            is_due = is_ours()  # else another client has set it since, and it is that one's
+            if is_due:
+                restore()
+        except Interrupted:  # halfway, perhaps; no signal comes after this one
+            if is_due:
+                restore()
+            raise
 
     try:
         ratios.set_ratio(speed)
@@ -133,25 +153,14 @@ def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[]
             time.sleep(POLL)
         yield is_ours
     except Interrupted:
-        device.hold()  # before anything else; no signal comes after this one
-        if is_ours():  # else another client has set it since, and it is that one's
-            put_back()
+        device.hold()  # before anything else
+        put_back()
         raise
     except BaseException:
         with suppress(CrtkError):  # what went wrong first is told
-            if is_ours():
-                put_back()
+            put_back()
         raise
-    else:
-        is_to_be_put_back = True
-        try:
-            is_to_be_put_back = is_ours()
-            if is_to_be_put_back:
-                put_back()
-        except Interrupted:
-            if is_to_be_put_back:
-                put_back()
-            raise
+    put_back()
 
 
 def _go(device: RemoteDevice, goal: Goal, speed: float | None) -> None:

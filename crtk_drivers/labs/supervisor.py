@@ -66,8 +66,8 @@ class Phase(StrEnum):
     """It is not started again."""
 
 
-_UNSAID: Final = "cannot be started as asked"
-"""What to say of a device that ended without a word."""
+_NO_REASON_LOGGED: Final = "cannot be started as asked"
+"""The reason that is shown where a device ends with a usage error and its log is empty."""
 
 
 @dataclass(eq=False)
@@ -268,7 +268,7 @@ class Supervisor:
         if not child.reports and code == 0:
             self._ended(child, now, "has done its work", again=False)
         elif child.reports and code == USAGE_ERROR:
-            why = last_line(child.log) or _UNSAID
+            why = last_line(child.log) or _NO_REASON_LOGGED
             self._ended(child, now, f"{why} (see {child.log})", again=False)
         else:
             self._ended(child, now, f"{_told(code)} (see {child.log})", again=True)

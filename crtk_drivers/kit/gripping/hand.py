@@ -194,10 +194,13 @@ class Hand(ABC):
         return ()
 
     def make_ready(self, *, may_hold: bool) -> Steps:
-        """Have it ready for motions, as a part of `enable`. There were no `obstacles` as it began.
+        """Make the gripper ready for motions, as a part of `enable`.
+
+        `enable` has asked for `obstacles` before, and there were none.
 
         Args:
-            may_hold: as for `obstacles`, for what can be judged only after a first step.
+            may_hold: as for `obstacles`. A gripper that must acknowledge a fault first knows only after that
+                what else it needs. It refuses here what would drop something (`not_made_ready`).
         """
         yield from ()
 

@@ -29,6 +29,7 @@ from std_msgs.msg import Empty
 from crtk_drivers import client
 from crtk_drivers.cli import hold_command, move_command
 from crtk_drivers.cli.echo_command import as_yaml
+from crtk_drivers.cli.reaching import Interrupted
 from crtk_drivers.client import RemoteDevice, move_handle
 from crtk_drivers.device import Condition
 from crtk_drivers.errors import CommandRefused
@@ -277,6 +278,54 @@ def test_an_interrupted_slow_move_holds_and_puts_the_speed_back(far: Far, run: R
     assert "was told to hold, and stands" in err
     ratios = far.arm.trajectory_j
     eventually(lambda: (ratios.ratio_v(), ratios.ratio_a()) == (1.0, 1.0), "it is as before")
+
+
+class Shares:
+    """The shares of a device, and a signal that comes as they are asked for, or set, the n-th time."""
+
+    def __init__(self, signal_at: int) -> None:
+        self.velocity, self.acceleration = 1.0, 0.5
+        self.left = signal_at
+
+    @property
+    def trajectory_j(self) -> Shares:
+        return self
+
+    def _step(self) -> None:
+        self.left -= 1
+        if self.left == 0:
+            raise Interrupted
+
+    def ratio_v(self) -> float:
+        self._step()
+        return self.velocity
+
+    def ratio_a(self) -> float:
+        self._step()
+        return self.acceleration
+
+    def set_ratio(self, value: float) -> None:
+        self.velocity = self.acceleration = value
+        self._step()
+
+    def set_ratio_a(self, value: float) -> None:
+        self.acceleration = value
+        self._step()
+
+
+@pytest.mark.parametrize("ends", ["well", "by an error"])
+@pytest.mark.parametrize("signal_at", range(1, 6))
+def test_shares_of_speed_are_put_back_whenever_a_signal_comes(
+    monkeypatch: pytest.MonkeyPatch, signal_at: int, ends: str
+) -> None:
+    monkeypatch.setattr(move_command, "need", lambda device, name: None)
+    device: Any = Shares(0)
+    with suppress(Interrupted, ValueError), move_command._at_speed(device, 0.1):
+        assert (device.velocity, device.acceleration) == (0.1, 0.1)
+        device.left = signal_at
+        if ends == "by an error":
+            raise ValueError
+    assert (device.velocity, device.acceleration) == (1.0, 0.5)
 
 
 def test_a_share_of_speed_that_is_not_taken_moves_nothing(
