@@ -338,7 +338,7 @@ def test_f1_every_command_says_that_there_is_no_connection(bench):
     bench.sim.control.clear()
     bench.until_state("DISABLED")
     assert bench.arm.health().reconnects >= 1
-    told = r"the link was lost \(.+\) and is back; found as it is: the brakes are released"
+    told = r"the link was lost \(.+\) and is back; not under our control: its brakes were already released"
     assert re.match(told, bench.status.detail)
 
 
