@@ -8,7 +8,6 @@ python -m crtk_drivers.cli.command_reference --check docs/ur.md    # 1 if one is
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.written_files import out_of_date
+from crtk_drivers.cli.written_files import write_or_check, writer_parser
 from crtk_drivers.commands import Command, Direction, Level, Space
 
 _MARKED: Final = re.compile(
@@ -71,17 +70,12 @@ def updated(page: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the tables of pages, or check them; return the exit code."""
-    parser = argparse.ArgumentParser(description="Tables of what devices offer.")
+    module = __spec__.name
+    parser = writer_parser(module, "Tables of what devices offer.")
     parser.add_argument("pages", nargs="+", type=Path)
-    parser.add_argument("--check", action="store_true", help="write nothing; 1 if out of date")
     options = parser.parse_args(arguments)
-    pages = {page: updated(page.read_text(encoding="utf-8")) for page in options.pages}
-    stale = out_of_date(pages, options.check)
-    if options.check and stale:
-        names = " ".join(map(str, stale))
-        sys.stderr.write(f"out of date; run: python -m {__spec__.name} {names}\n")
-        return 1
-    return 0
+    texts = {page: updated(page.read_text(encoding="utf-8")) for page in options.pages}
+    return write_or_check(texts, only_check=options.check, module=module, given=texts)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ python -m crtk_drivers.cli.config_reference --check docs/configuration.md    # 1
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.terminal import as_sentence
-from crtk_drivers.cli.written_files import out_of_date
+from crtk_drivers.cli.written_files import write_or_check, writer_parser
 from crtk_drivers.config import DeviceConfig, NodeConfig
 from crtk_drivers.config.keys import description_of
 from crtk_drivers.motion.teleop.teleop_settings import TeleopSettings
@@ -235,16 +234,12 @@ def _own(entries: Mapping[str, PluginEntry]) -> Iterator[PluginEntry]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the file, or compare it; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m crtk_drivers.cli.config_reference")
+    module = __spec__.name
+    parser = writer_parser(module, "The reference of all keys of configurations.")
     parser.add_argument("file", type=Path)
-    parser.add_argument("--check", action="store_true", help="compare, and write nothing")
-    given = parser.parse_args(arguments)
-    if out_of_date({given.file: document()}, given.check) and given.check:
-        sys.stderr.write(
-            f"{given.file} is out of date; run: python -m crtk_drivers.cli.config_reference {given.file}\n"
-        )
-        return 1
-    return 0
+    options = parser.parse_args(arguments)
+    texts = {options.file: document()}
+    return write_or_check(texts, only_check=options.check, module=module, given=texts)
 
 
 if __name__ == "__main__":

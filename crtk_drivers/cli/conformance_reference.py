@@ -8,7 +8,6 @@ python -m crtk_drivers.cli.conformance_reference --check docs/conformance.md    
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from crtk_drivers.cli.config_reference import table_of
-from crtk_drivers.cli.written_files import out_of_date
+from crtk_drivers.cli.written_files import write_or_check, writer_parser
 from crtk_drivers.client.conformance.clause_rows import ROWS, Needs
 from crtk_drivers.client.conformance.clauses import CLAUSES
 from crtk_drivers.client.conformance.expectations import Expectations
@@ -51,15 +50,12 @@ def updated(page: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the tables of a page, or check them; return the exit code."""
-    parser = argparse.ArgumentParser(description="The tables of the page on conformance.")
+    module = __spec__.name
+    parser = writer_parser(module, "The tables of the page on conformance.")
     parser.add_argument("page", type=Path)
-    parser.add_argument("--check", action="store_true", help="write nothing; 1 if out of date")
-    given = parser.parse_args(arguments)
-    text = updated(given.page.read_text(encoding="utf-8"))
-    if out_of_date({given.page: text}, given.check) and given.check:
-        sys.stderr.write(f"out of date; run: python -m {__spec__.name} {given.page}\n")
-        return 1
-    return 0
+    options = parser.parse_args(arguments)
+    texts = {options.page: updated(options.page.read_text(encoding="utf-8"))}
+    return write_or_check(texts, only_check=options.check, module=module, given=texts)
 
 
 if __name__ == "__main__":

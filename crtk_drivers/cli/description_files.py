@@ -9,7 +9,6 @@ See `crtk_drivers.plugins.description`.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.written_files import out_of_date
+from crtk_drivers.cli.written_files import write_or_check, writer_parser
 from crtk_drivers.errors import PluginError
 from crtk_drivers.plugins import PluginEntry
 from crtk_drivers.plugins.description import FILE, package_folders
@@ -61,18 +60,17 @@ def _chosen(names: Sequence[str]) -> Iterator[PluginEntry]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the files, or check them; return the exit code."""
-    parser = argparse.ArgumentParser(
-        description="Descriptions of plugins, beside their entry points."
-    )
+    module = __spec__.name
+    parser = writer_parser(module, "Descriptions of plugins, beside their entry points.")
     parser.add_argument("names", nargs="*", metavar="NAME", help="of plugins; ours without")
-    parser.add_argument("--check", action="store_true", help="write nothing; 1 if out of date")
     options = parser.parse_args(arguments)
-    stale = out_of_date(files_of(list(_chosen(options.names))), options.check)
-    if options.check and stale:
-        names = " ".join(map(str, stale))
-        sys.stderr.write(f"out of date: {names}\nrun: python -m {__spec__.name}\n")
-        return 1
-    return 0
+    entries = list(_chosen(options.names))
+    for name in options.names:
+        if not any(entry.name == name for entry in entries):
+            parser.error(f"there is no plugin {name!r}")
+    return write_or_check(
+        files_of(entries), only_check=options.check, module=module, given=options.names
+    )
 
 
 if __name__ == "__main__":

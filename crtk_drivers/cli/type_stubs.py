@@ -10,7 +10,6 @@ python -m crtk_drivers.cli.type_stubs --check    # 1 if one is out of date
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -22,7 +21,7 @@ from types import MappingProxyType
 from typing import Final
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.written_files import out_of_date
+from crtk_drivers.cli.written_files import write_or_check, writer_parser
 from crtk_drivers.commands import COMMANDS, FRAMES, Command, Level, Space, find
 from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Device, DeviceKind
@@ -350,15 +349,11 @@ def _overload(name: str, returns: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the files, or check them; return the exit code."""
-    parser = argparse.ArgumentParser(description="Types of devices, for type checkers and editors.")
-    parser.add_argument("--check", action="store_true", help="write nothing; 1 if out of date")
+    module = __spec__.name
+    parser = writer_parser(module, "Types of devices, for type checkers and editors.")
     options = parser.parse_args(arguments)
-    stale = out_of_date({KINDS: kinds_text(), DEVICES: devices_text()}, options.check)
-    if options.check and stale:
-        names = " ".join(map(str, stale))
-        sys.stderr.write(f"out of date: {names}\nrun: python -m {__spec__.name}\n")
-        return 1
-    return 0
+    texts = {KINDS: kinds_text(), DEVICES: devices_text()}
+    return write_or_check(texts, only_check=options.check, module=module)
 
 
 if __name__ == "__main__":
