@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -19,6 +18,7 @@ from typing_extensions import override
 from crtk_drivers.cli.help_pages import HelpfulGroup, Listed
 from crtk_drivers.cli.terminal import plain, sentence
 from crtk_drivers.errors import PluginError
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.plugins import PluginEntry
 
 
@@ -87,7 +87,7 @@ class PluginGroup(HelpfulGroup):
         """Refuse an unknown name in our own words."""
         name = args[0]
         if not name.startswith("-") and self.get_command(ctx, name) is None:
-            near = get_close_matches(name, self.list_commands(ctx), n=1)
+            near = near_names(name, self.list_commands(ctx))
             if near and near[0] not in self._plugins:
                 raise PluginError(
                     f"there is no command or device {name!r}",

@@ -32,7 +32,7 @@ from crtk_drivers.errors import (
     ConnectionLost,
     DataTimeout,
 )
-from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader, near_names
+from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader, did_you_mean
 from crtk_drivers.front.method_forms import documented, form_of
 from crtk_drivers.front.payloads import value_for
 from crtk_drivers.ros import environment
@@ -121,7 +121,7 @@ class RemoteDevice(DeviceFront, AnyDevice):
                 if name in CHILDREN:
                     return self.child(name, timeout=None if self._space.tells_of(name) else 0.0)
                 if name not in PARTS and not self._is_name(name):
-                    meant = near_names(name, {**self.summaries(), **PARTS})
+                    meant = did_you_mean(name, {**self.summaries(), **PARTS})
                     raise NotOffered(
                         f"{type(self).__name__} has no attribute {name!r}. {meant}"
                         "crtk_commands has all that it offers."

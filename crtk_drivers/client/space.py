@@ -6,14 +6,14 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.discovery import POLL, SETTLE, Catalogue, Feature
 from crtk_drivers.commands import ROS_TYPES, Direction, Payload
 from crtk_drivers.errors import ConnectionFailed
-from crtk_drivers.front.base import near_names
+from crtk_drivers.errors.near_names import near_names
+from crtk_drivers.front.base import did_you_mean
 
 if TYPE_CHECKING:
     from crtk_drivers.client.inbox import Inbox
@@ -142,7 +142,7 @@ class Space:
             raise ConnectionFailed(
                 f"there is nothing in {name}/",
                 where=self.namespace,
-                remedy=f"{near_names(name, names)}There is: {', '.join(names) or 'none'}.",
+                remedy=f"{did_you_mean(name, names)}There is: {', '.join(names) or 'none'}.",
             )
 
     # ------------------------------------------------------------------------------------ endpoints
@@ -359,7 +359,7 @@ class Space:
 
 def _instead(name: str, names: list[str]) -> str:
     """Return what may have been meant, and what there is: names, and how many are below others."""
-    nearest = get_close_matches(name.rpartition("/")[2], names, 1)
+    nearest = near_names(name.rpartition("/")[2], names)
     meant = f"Did you mean {nearest[0]}? " if nearest else ""
     own = sorted(each for each in names if "/" not in each)
     below = Counter(each.partition("/")[0] for each in names if "/" in each)

@@ -6,7 +6,6 @@ and what was probably meant.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +24,7 @@ from crtk_drivers.config.keys import (
     takes_text,
 )
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.near_names import near_names
 
 
 @dataclass(frozen=True)
@@ -267,7 +267,7 @@ def _place(layers: Sequence[Layer], key: Key) -> str:
 
 
 def _closest(word: str, words: Iterable[str]) -> str:
-    return next(iter(difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)), "")
+    return next(iter(near_names(word, words)), "")
 
 
 def _suggested_key(model: type, key: Key) -> str:

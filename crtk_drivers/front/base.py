@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from difflib import get_close_matches
 from inspect import cleandoc
 from types import MappingProxyType
 from typing import Any, Protocol, Self
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Payload
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.front.method_forms import (
     DEFAULT_AGE,
     DEFAULT_WAIT,
@@ -127,9 +127,9 @@ class Operated(Protocol):
         self.state_command(StateCommand.UNHOME, timeout)
 
 
-def near_names(name: str, names: Iterable[str]) -> str:
+def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Return which names are near one that is none of them, as a question with a space behind; or nothing."""
-    near = get_close_matches(name, [*names], n=3)
+    near = near_names(name, names, most=3)
     return f"Did you mean {' or '.join(near)}? " if near else ""
 
 

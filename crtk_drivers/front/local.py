@@ -29,7 +29,7 @@ from crtk_drivers.device import Reading
 from crtk_drivers.device.offered import missing_for
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused, ConnectionFailed, DataTimeout, TransitionFailed
-from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader, near_names
+from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader, did_you_mean
 from crtk_drivers.front.method_forms import (
     SERVICE_TIMEOUT,
     documented,
@@ -210,7 +210,7 @@ class LocalFront(DeviceFront):
         own = [each for each in dir(self) if not each.startswith("_")]
         moves = [each for each in own if each.startswith("move_")]
         listed = f"It moves by {', '.join(moves)}. " if moves else ""
-        return f"{near_names(name, own)}{listed}crtk_commands has all that it offers."
+        return f"{did_you_mean(name, own)}{listed}crtk_commands has all that it offers."
 
     @property
     @override
@@ -254,7 +254,7 @@ class LocalFront(DeviceFront):
             raise ConnectionFailed(
                 f"there is no device {name!r} behind it",
                 where=self._engine.where,
-                remedy=f"{near_names(name, self._children)}"
+                remedy=f"{did_you_mean(name, self._children)}"
                 f"There is: {', '.join(self._children) or 'none'}.",
             )
         return self._children[name]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from difflib import get_close_matches
 from typing import Final, NamedTuple, NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -16,6 +15,7 @@ from xml.parsers import expat
 import numpy as np
 
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.kinematics.chain import LARGEST, Chain, ChainJoint, JointKind, placed, turn
 from crtk_drivers.samples import Array
 
@@ -129,7 +129,7 @@ class _UrdfReader:
         """Return the joints from link `base` to link `tip`."""
         for name in (base, tip):
             if name not in self._links:
-                meant = get_close_matches(name, self._links, n=1) or self._links[:8]
+                meant = near_names(name, self._links) or self._links[:8]
                 self._refuse(
                     f"there is no link {_short(name)}",
                     f"Did you mean {', '.join(map(_short, meant))}?"

@@ -21,7 +21,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from graphlib import CycleError, TopologicalSorter
 from operator import attrgetter
 from pathlib import Path
@@ -43,6 +42,7 @@ from crtk_drivers.config import (
     with_node,
 )
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.labs.carried import Carried
 from crtk_drivers.motion.teleop.teleop_settings import TeleopSettings
 from crtk_drivers.plugins import DevicePlugin
@@ -338,7 +338,7 @@ def _namespace_of(name: str, settings: LabSettings, place: str) -> str:
     if re.fullmatch(NAMESPACE, name):
         return name
     if name not in settings.devices:
-        meant = get_close_matches(name, settings.devices, 1)
+        meant = near_names(name, settings.devices)
         raise ConfigError(
             f"there is no device {name!r}",
             where=place,

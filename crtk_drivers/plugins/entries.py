@@ -17,7 +17,6 @@ others alone. The environment variable
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 import traceback
@@ -30,6 +29,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from crtk_drivers.errors import MissingExtra, PluginError
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.plugins.description import Description, description_of
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ def find_entry(entries: Mapping[str, PluginEntry], name: str, what: str) -> Plug
     """
     if name in entries:
         return entries[name]
-    close = difflib.get_close_matches(name, entries, n=1, cutoff=0.5)
+    close = near_names(name, entries)
     hint = f"Did you mean {close[0]!r}? " if close else ""
     known = ", ".join(entries) or "none; is the package that brings it installed?"
     allowed = _allowed()

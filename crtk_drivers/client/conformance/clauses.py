@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Final
 
 from crtk_drivers.client.conformance.clause_rows import ROWS, Level, Needs
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.near_names import near_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def chosen(ids: Iterable[str]) -> tuple[str, ...]:
     kinds = {each.partition("-")[0] for each in CLAUSES}
     for each in wanted:
         if each not in CLAUSES and each not in kinds:
-            near = get_close_matches(each, [*CLAUSES, *kinds], 1)
+            near = near_names(each, [*CLAUSES, *kinds])
             raise ConfigError(
                 f"there is no clause {each}",
                 where="--only",

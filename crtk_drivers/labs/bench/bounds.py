@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.labs.lab_file import BoundEntry, Lab
 from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Quantity, Worse
 
@@ -41,7 +41,7 @@ def check_bounds(lab: Lab, quantities: Mapping[str, Quantity]) -> None:
             continue
         else:
             trouble = "there is no such figure"
-            meant = difflib.get_close_matches(name, quantities, n=1, cutoff=0.8)
+            meant = near_names(name, quantities)
             remedy = f"Did you mean {meant[0]!r}?" if meant else _WHERE_THEY_ARE
         if trouble:
             where = lab.bound_places.get(name, str(lab.path))

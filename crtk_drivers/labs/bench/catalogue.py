@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.labs.bench import (
     efforts,
     endurance,
@@ -80,7 +80,7 @@ def chosen(suite: Suite, only: Iterable[str] = ()) -> tuple[BenchTest, ...]:
     known = {test.id: test for test in TESTS}
     for name in wanted:
         if name not in known:
-            meant = difflib.get_close_matches(name.upper(), known, n=1, cutoff=0.6)
+            meant = near_names(name, known)
             hint = f"Did you mean {meant[0]!r}? " if meant else ""
             raise ConfigError(
                 f"there is no test {name!r}",

@@ -7,7 +7,6 @@ the library reads, and tells with the line what it changed; what cannot be read 
 
 from __future__ import annotations
 
-import difflib
 import io
 import itertools
 import re
@@ -20,6 +19,7 @@ from typing import Any, Final
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType, object_type, parse_object
 from crtk_drivers.config.capped_file import read_capped
 from crtk_drivers.errors import ConfigError, MissingExtra
+from crtk_drivers.errors.near_names import near_names
 
 try:
     from canopen.objectdictionary import ODArray, ODRecord, ODVariable
@@ -374,7 +374,7 @@ class DataSheet:
         try:
             index, sub = parse_object(text)
         except ValueError:
-            close = difflib.get_close_matches(wanted, [*names, *OBJECTS], n=1)
+            close = near_names(wanted, [*names, *OBJECTS])
             hint = f"did you mean {close[0]!r}?" if close else "give INDEX[:SUB] in hexadecimal"
             raise ValueError(f"{text!r} is no object of {self.path}: {hint}") from None
         return self.entry(index, sub) or Entry(index, sub, ObjectType.BYTES, "")

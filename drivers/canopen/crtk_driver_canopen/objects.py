@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import struct
 from collections.abc import Mapping
@@ -12,6 +11,8 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from typing_extensions import override
+
+from crtk_drivers.errors.near_names import near_names
 
 AXIS_STEP: Final = 0x800
 """Distance between the objects of two axes of one node (CiA 402-2, multi-axis)."""
@@ -265,7 +266,7 @@ def parse_object(text: str) -> tuple[int, int]:
         return entry.index, entry.sub
     found = _NUMBER.fullmatch(text.strip())
     if found is None:
-        close = difflib.get_close_matches(name, OBJECTS, n=1)
+        close = near_names(name, OBJECTS)
         hint = (
             f"did you mean {close[0]!r}?" if close else "give INDEX[:SUB] in hexadecimal, or a name"
         )

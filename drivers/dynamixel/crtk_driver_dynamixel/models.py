@@ -7,7 +7,6 @@ A model that is not here has no units that could be trusted, and is refused.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from types import MappingProxyType
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.near_names import near_names
 
 TURN: Final = 2.0 * math.pi
 RPM: Final = TURN / 60.0
@@ -342,7 +342,7 @@ def model_named(name: str) -> Model:
     for candidate in (plain, plain.removesuffix("-t").removesuffix("-r")):
         if candidate in MODELS:
             return MODELS[candidate]
-    meant = difflib.get_close_matches(plain, MODELS, n=3, cutoff=0.6)
+    meant = near_names(plain, MODELS, most=3)
     raise ConfigError(
         f"{name!r} is not a model that this driver knows",
         remedy=f"Like it are {', '.join(meant)}."

@@ -6,13 +6,13 @@ may differ in its zero, its signs and its ids: a copy of the file is the place t
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from crtk_drivers.config.file import read_file
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.near_names import near_names
 
 __all__ = ["arm_file", "beneath", "names"]
 
@@ -35,7 +35,7 @@ def arm_file(arm: str) -> Path:
         return Path(arm).expanduser()
     if arm in names():
         return _FOLDER / f"{arm}.yaml"
-    meant = difflib.get_close_matches(arm, names(), n=1)
+    meant = near_names(arm, names())
     raise ConfigError(
         f"arm: there is no arm {arm!r}",
         remedy=f"Did you mean {meant[0]!r}?"
