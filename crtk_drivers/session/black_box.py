@@ -144,15 +144,26 @@ class BlackBox(Observer):
         Raises:
             RecordingError: it cannot be written, or there is nothing.
         """
+        written = self._dump(reason, path)
+        if written is None:
+            raise RecordingError(
+                "there is nothing to be written: no sample has come",
+                remedy="Connect the device first.",
+            )
+        return written
+
+    def _dump(self, reason: str, path: Path | None = None) -> Path | None:
+        """Write what is kept now, and return the file; None if no sample has come.
+
+        Raises:
+            RecordingError: it cannot be written.
+        """
         with self._writing:
             for ring in self._rings:
                 ring.tape.look()
             entries = [entry for ring in self._rings for entry in ring.entries()]
             if not any(ring.moments for ring in self._rings):
-                raise RecordingError(
-                    "there is nothing to be written: no sample has come",
-                    remedy="Connect the device first.",
-                )
+                return None
             path = path or self._path()
             metadata, attachments = self._about(reason)
             series = Series(path, metadata, attachments)
@@ -201,10 +212,12 @@ class BlackBox(Observer):
 
     def _tell(self, reason: str) -> None:
         try:
-            path = self.dump(reason)
+            path = self._dump(reason)
         except CrtkError as error:
             logger.warning("black box: %s", error)
         except Exception as error:
             logger.exception("black box: %s", unexpected(error))
         else:
+            if path is None:  # it was never connected: that has been said, and nobody asked for a file
+                return
             logger.warning("black box: what led to this is in %s", path)

@@ -9,12 +9,14 @@ from datetime import datetime
 import pytest
 
 import crtk_drivers
+from crtk_drivers import plugins
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Reading
 from crtk_drivers.errors import CommandRefused, RecordingError, TransitionFailed
 from crtk_drivers.recording import Recording, recorder
 from crtk_drivers.samples import JointState, Stamp, Text, vector
-from crtk_drivers.session import black_box, recordings
+from crtk_drivers.session import black_box, open_session, recordings
+from crtk_drivers.session.black_box import BlackBox
 from crtk_drivers.session.recordings import make_room
 from crtk_drivers.state import OperatingState, Status
 from rigs.waiting import eventually
@@ -217,6 +219,24 @@ def test_a_fault_just_before_the_end_is_written_whatever_the_thread_does_then(
     arm.close()
     (path,) = boxes(tmp_path / "box")
     assert dict(Recording(path).metadata)["crtk_drivers device"]["why"] == "lost"
+
+
+def test_a_fault_before_the_first_sample_says_nothing_of_it(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(black_box, "AFTER", 0.01)
+    written = []
+    tell = BlackBox._tell
+    monkeypatch.setattr(BlackBox, "_tell", lambda box, why: (tell(box, why), written.append(why)))
+    settings = {"recording": {"folder": str(tmp_path)}}
+    config = plugins.device("loopback").load_config(settings, {})
+    session = open_session("loopback", config)
+    session.engine.device.reachable = False
+    with session:
+        eventually(lambda: written, "the black box has seen the fault")
+        assert session.engine.status.state is OperatingState.FAULT
+        with pytest.raises(RecordingError, match="no sample has come"):
+            session.recordings.dump("asked for")
+    assert "black box" not in caplog.text
+    assert not boxes(tmp_path)
 
 
 def test_it_is_written_when_somebody_asks_while_a_recording_goes_on(arm, tmp_path):
