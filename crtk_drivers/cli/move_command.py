@@ -6,13 +6,12 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from crtk_drivers.cli.echo_command import number
 from crtk_drivers.cli.reaching import Interrupted, held_when_interrupted, need
-from crtk_drivers.cli.state_view import NEXT, print_position
+from crtk_drivers.cli.state_view import NEXT, joint_unit, print_position
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.move_handle import START_TIMEOUT
@@ -24,6 +23,7 @@ from crtk_drivers.errors import (
     MotionAborted,
     Reason,
 )
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.geometry.quaternions import quaternion_product, unit
 from crtk_drivers.motion.move import Move
 from crtk_drivers.samples import JointState, Pose, vector
@@ -227,20 +227,13 @@ def _here(device: RemoteDevice, kind: str) -> Any:
 def _joint_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degrees: bool) -> Goal:
     here: JointState = _here(device, "js")
     names = here.name or tuple(str(index + 1) for index in range(here.position.size))
-    named = [text.partition("=") for text in values]
-    if any(equals for _, equals, _ in named):
-        joints = {name: number(value) if equals else None for name, equals, value in named}
-        goal = _by_name(device, here, names, joints, relative, degrees)
-    elif len(values) == len(names):
-        goal = np.array([number(text) for text in values])
-        goal = np.radians(goal) if degrees else goal
-        goal = here.position + goal if relative else goal
-    else:
-        raise ConfigError(
-            f"{len(values)} value{'' if len(values) == 1 else 's'} for {len(names)} joints",
-            where=device.namespace,
-            remedy=f"Give one for each of {', '.join(names)}, or some as joint=value.",
-        )
+    typed = _Typed(device, here, names, relative, degrees)
+    given = typed.by_name(values) if _names_joints(values, names) else typed.in_order(values)
+    goal = np.array(here.position)
+    for name, value in given.items():
+        index = names.index(name)
+        value = float(np.radians(value)) if degrees else value
+        goal[index] = goal[index] + value if relative else value
 
     def to_go() -> str:
         try:
@@ -252,27 +245,93 @@ def _joint_goal(device: RemoteDevice, values: Sequence[str], relative: bool, deg
     return Goal("move_jp", goal, to_go)
 
 
-def _by_name(
-    device: RemoteDevice,
-    here: JointState,
-    names: Sequence[str],
-    joints: dict[str, float | None],
-    relative: bool,
-    degrees: bool,
-) -> Any:
-    goal = np.array(here.position)
-    for name, value in joints.items():
-        if value is None or name not in names:
-            what = "has no value: give joint=value for all" if value is None else "no such joint"
-            remedy = f"Joints: {', '.join(names)}."
-            if name not in names and _is_part(device, name):
-                what = "is a part of the device, not one of its joints"
-                remedy = f"crtk-driver move {device.namespace} --child {name} {name}=..."
-            raise ConfigError(what, where=f"{device.namespace} {name}", remedy=remedy)
-        index = names.index(name)
-        value = np.radians(value) if degrees else value
-        goal[index] = goal[index] + value if relative else value
-    return goal
+def _names_joints(values: Sequence[str], names: Sequence[str]) -> bool:
+    """Return whether values are given by name, or were meant to be."""
+    return any("=" in text or (text in names and _number(text) is None) for text in values)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+@dataclass(frozen=True)
+class _Typed:
+    """Reads what was typed as values of joints; raises ConfigError with an example that this device takes."""
+
+    device: RemoteDevice
+    here: JointState
+    names: Sequence[str]
+    relative: bool
+    degrees: bool
+
+    def in_order(self, values: Sequence[str]) -> dict[str, float]:
+        """Return one value for each joint, in their order."""
+        for index, text in enumerate(values):
+            if _number(text) is None:
+                joint = self.names[index] if len(values) == len(self.names) else ""
+                at = f"value {index + 1}{joint and f', of {joint}'}"
+                raise self._wrong(f"{text!r} is not a number", at, joint, near=text)
+        if len(values) != len(self.names):
+            count = f"{len(values)} value{'' if len(values) == 1 else 's'}"
+            raise self._wrong(f"{count} for {len(self.names)} joints", "")
+        return dict(zip(self.names, map(float, values), strict=True))
+
+    def by_name(self, values: Sequence[str]) -> dict[str, float]:
+        """Return the values of the joints that are named."""
+        found = {}
+        for text in values:
+            name, equals, value = text.partition("=")
+            number = _number(value)
+            if not equals and _number(text) is not None:
+                raise self._wrong(f"{text} is for no joint: some joints were named", "")
+            if name not in self.names:
+                raise self._no_joint(name)
+            if not equals or not value:
+                raise self._wrong("has no value", name, name)
+            if number is None:
+                raise self._wrong(f"{value!r} is not a number", name, name)
+            found[name] = number
+        return found
+
+    def _no_joint(self, name: str) -> ConfigError:
+        if not _is_part(self.device, name):
+            return self._wrong("no such joint", name, near=name)
+        return ConfigError(
+            "is a part of the device, not one of its joints",
+            where=f"{self.device.namespace} {name}",
+            remedy=f"crtk-driver move {self.device.namespace} --child {name} {name}=...",
+        )
+
+    def _wrong(self, what: str, at: str, joint: str = "", near: str = "") -> ConfigError:
+        """Return what is wrong, with the joints, and an example for this joint, a near one, or the last."""
+        meant = near_names(near, self.names) if near else []
+        hint = f"Did you mean {meant[0]}? " if meant else ""
+        example = self._example(joint or (meant[0] if meant else self.names[-1]))
+        return ConfigError(
+            what,
+            where=f"{self.device.namespace} {at}".rstrip(),
+            remedy=f"{hint}Give one number for each of {', '.join(self.names)}; or joint=number for some: "
+            f"{example}.",
+        )
+
+    def _example(self, joint: str) -> str:
+        """Return the command for a joint that goes to where it is, or 0.01 rad or m (1 degree) further."""
+        value = float(self.here.position[self.names.index(joint)])
+        options = "--relative " if self.relative else ""
+        if self.degrees:
+            options, value = f"{options}--degrees ", float(np.degrees(value))
+        if self.relative:
+            value = 1.0 if self.degrees else 0.01
+        else:
+            value = round(value, 1 if self.degrees else 3) + 0.0  # no -0
+        unit = "degrees" if self.degrees else joint_unit(self.device, joint)
+        where = "further" if self.relative else "where it is"
+        return (
+            f"crtk-driver move {self.device.namespace} {options}{joint}={value:g} ({unit}, {where})"
+        )
 
 
 def _is_part(device: RemoteDevice, name: str) -> bool:
@@ -286,7 +345,7 @@ def _is_part(device: RemoteDevice, name: str) -> bool:
 
 
 def _pose_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degrees: bool) -> Goal:
-    numbers = [number(text) for text in values]
+    numbers = [_pose_number(device, index, text) for index, text in enumerate(values)]
     if degrees or len(numbers) not in (3, 7):
         what = "--degrees is for joints" if degrees else f"{len(numbers)} numbers are no pose"
         raise ConfigError(
@@ -312,6 +371,22 @@ def _pose_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degr
         return f"{1e3 * left:.0f} mm to go"
 
     return Goal("move_cp", goal, to_go)
+
+
+_POSE_PARTS: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def _pose_number(device: RemoteDevice, index: int, text: str) -> float:
+    value = _number(text)
+    if value is None:
+        part = f", {_POSE_PARTS[index]}" if index < len(_POSE_PARTS) else ""
+        raise ConfigError(
+            f"{text!r} is not a number",
+            where=f"{device.namespace} --pose value {index + 1}{part}",
+            remedy="Give x y z in m, and a quaternion x y z w if the tool shall turn: "
+            f"crtk-driver move {device.namespace} --pose --relative 0 0 0.01",
+        )
+    return value
 
 
 def _unit_quaternion(device: RemoteDevice, numbers: list[float]) -> Any:

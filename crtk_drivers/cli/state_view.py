@@ -156,6 +156,12 @@ def _print_joints(device: RemoteDevice, offered: Mapping[str, Any]) -> None:
     OUT.print(table)
 
 
+def joint_unit(device: RemoteDevice, joint: str) -> str:
+    """Return the unit of a joint's position, as far as the device says it: ``rad``, ``m``, or both."""
+    units = {each["name"]: each.get("unit") for each in device.manifest.get("joints", ())}
+    return units.get(joint) or "rad or m"
+
+
 def _bound(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 

@@ -218,6 +218,8 @@ class BlackBox(Observer):
         except Exception as error:
             logger.exception("black box: %s", unexpected(error))
         else:
-            if path is None:  # it was never connected: that has been said, and nobody asked for a file
+            if (
+                path is None
+            ):  # it was never connected: that has been said, and nobody asked for a file
                 return
             logger.warning("black box: what led to this is in %s", path)

@@ -355,7 +355,7 @@ def test_a_share_of_speed_that_is_not_taken_moves_nothing(
         (["0.1"], 2, "1 value for 4 joints"),
         (["17", "0", "0", "0"], 1, "Values are in rad or m; --degrees takes degrees."),
         (["elbow=1"], 2, "elbow: no such joint"),
-        (["0.1", "0", "0", "fast"], 2, "fast: not a number"),
+        (["0.1", "0", "0", "fast"], 2, f"{NAMESPACE} value 4, of yaw: 'fast' is not a number"),
         (["0.1", "0", "0", "--fast"], 2, "--fast: no such option"),
         (["--pose", "1", "2"], 2, "2 numbers are no pose"),
         (["--pose", "0", "0", "0", "1", "1", "1", "1"], 2, "no unit quaternion"),
@@ -370,6 +370,46 @@ def test_a_move_that_cannot_be_is_refused(
     assert (got, out) == (code, "")
     assert message in err
     assert np.allclose(far.arm.measured_jp(), 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message", "example"),
+    [
+        (["yaw"], "yaw: has no value", "yaw=0"),
+        (["x=0.1", "yaw"], "yaw: has no value", "yaw=0"),
+        (["x=0.1", "yaw="], "yaw: has no value", "yaw=0"),
+        (["x=abc"], "x: 'abc' is not a number", "x=0"),
+        (["abc"], "value 1: 'abc' is not a number", "yaw=0"),
+        (["ya"], "value 1: 'ya' is not a number", "yaw=0"),
+        (["0", "abc", "0", "0"], "value 2, of y: 'abc' is not a number", "y=0"),
+        (["0.1", "x=0.1"], "0.1 is for no joint: some joints were named", "yaw=0"),
+        (["0.1"], "1 value for 4 joints", "yaw=0"),
+        (["elbow=1"], "elbow: no such joint", "yaw=0"),
+        (["yam=1"], "yam: no such joint", "yaw=0"),
+        (["--degrees", "x"], "x: has no value", "--degrees x=0"),
+        (["--relative", "x"], "x: has no value", "--relative x=0.01"),
+    ],
+)
+def test_what_was_mistyped_is_answered_with_an_example_that_works(
+    far: Far, run: Run, arguments: list[str], message: str, example: str
+) -> None:
+    far.arm.enable()
+    code, _, err = run("move", NAMESPACE, *arguments)
+    assert code == 2
+    assert message in err
+    assert "Give one number for each of x, y, z, yaw; or joint=number for some:" in err
+    assert f"move {NAMESPACE} {example} (" in err
+    assert ("Did you mean yaw?" in err) == (arguments[0] in ("ya", "yam=1"))
+    code, _, err = run("move", NAMESPACE, *example.split())
+    assert (code, err) == (0, "")
+
+
+def test_a_pose_that_was_mistyped_names_its_part(far: Far, run: Run) -> None:
+    far.arm.enable()
+    code, _, err = run("move", NAMESPACE, "--pose", "0", "0", "up")
+    assert code == 2
+    assert "--pose value 3, z: 'up' is not a number" in err
+    assert f"move {NAMESPACE} --pose --relative 0 0 0.01" in err
 
 
 def test_an_interrupt_holds_the_arm(far: Far, run: Run) -> None:
