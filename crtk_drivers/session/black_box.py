@@ -218,8 +218,6 @@ class BlackBox(Observer):
         except Exception as error:
             logger.exception("black box: %s", unexpected(error))
         else:
-            if (
-                path is None
-            ):  # it was never connected: that has been said, and nobody asked for a file
+            if path is None:  # it was never connected, which has been said
                 return
             logger.warning("black box: what led to this is in %s", path)
