@@ -172,6 +172,11 @@ _CARTESIAN_PAYLOAD = {
     Kind.STATE: Payload.CARTESIAN_SERVO,
 }
 
+_OF_JOINTS: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+    {"rad": ("rad", "rad/s", "N·m"), "m": ("m", "m/s", "N")}
+)
+"""Units of position, velocity and effort, by that of the position."""
+
 # (level, direction, joint kinds, Cartesian kinds, summary). A joint state holds position, velocity
 # and effort together, so that feedback has one joint name, `_js`.
 _MOTION_ROWS = (
@@ -257,6 +262,24 @@ FOLLOW = Command(
     "go through the points of a trajectory, each at its time",
 )
 """No name of CRTK, but carried out as a move: what FollowJointTrajectory of ros2_controllers asks."""
+
+
+def units_for(command: Command, joint_units: Collection[str]) -> str:
+    """Return the units of a command of a device whose joints are in `joint_units`: ``rad``, ``m``, ``Pa``.
+
+    Where the joints differ, or are in a unit that is not known (empty), these are the command's own.
+    """
+    if command.space is not Space.JOINT or len(set(joint_units)) != 1 or "" in joint_units:
+        return command.units
+    unit = next(iter(joint_units))
+    position, velocity, effort = _OF_JOINTS.get(unit, (unit, f"{unit}/s", ""))
+    return {
+        Kind.POSITION: position,
+        Kind.RELATIVE: position,
+        Kind.VELOCITY: velocity,
+        Kind.EFFORT: effort,
+    }.get(command.kind, ", ".join(filter(None, (position, velocity, effort))))
+
 
 CHILDREN = tuple(
     dict.fromkeys((*SUB_NAMESPACES, *(n.partition("/")[0] for n in COMMANDS if "/" in n)))

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from enum import StrEnum
-from itertools import groupby
 from typing import Annotated
 
 import typer
-from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.help_pages import HelpfulCommand, completed_from
 from crtk_drivers.cli.terminal import OUT, plain, sentence
-from crtk_drivers.commands import Command, Level
 from crtk_drivers.errors import MissingExtra
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.plugins import PluginEntry
@@ -149,35 +146,6 @@ def _package(entry: PluginEntry) -> str:
     return f"{entry.distribution} {entry.version}".strip() or "unknown package"
 
 
-def short_names(commands: Mapping[str, Command]) -> str:
-    """Return the names in one line: ``measured_js/cp  servo_jp/jr  hold  body/: servo_cv/cf``."""
-    own = {name: command for name, command in commands.items() if "/" not in name}
-    parts = _short(own)
-    spaces = dict.fromkeys(name.rpartition("/")[0] for name in commands if "/" in name)
-    for space in spaces:
-        inside = {
-            name.removeprefix(f"{space}/"): command
-            for name, command in commands.items()
-            if name.startswith(f"{space}/")
-        }
-        parts.append(f"{space}/: {' '.join(_short(inside))}")
-    return "  ".join(parts)
-
-
-def _short(commands: Mapping[str, Command]) -> list[str]:
-    """Return names, those of a level joined."""
-    parts: list[str] = []
-    for level, rows in groupby(commands.items(), key=lambda row: row[1].level):
-        names = [name for name, _ in rows]
-        plain = level in (Level.STATE, Level.QUERY, Level.SETTING)
-        parts += names if plain else [_joined(level, names)]
-    return parts
-
-
-def _joined(level: Level, names: Iterable[str]) -> str:
-    return f"{level}_{'/'.join(name.removeprefix(f'{level}_') for name in names)}"
-
-
 def _describe(entry: PluginEntry) -> None:
     kind = _KINDS[entry.entry_point.group]
     error = entry.error  # which imports it
@@ -195,10 +163,7 @@ def _describe(entry: PluginEntry) -> None:
     if _is_device(entry):
         sim = entry.plugin.sim
         OUT.print(f"Simulator: {plain(sim)}, by --sim.\n" if sim else "It has no simulator.\n")
-        table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-        for column in ("command", "units", "what it is"):
-            table.add_column(column)
-        for name, command in plugins.commands_of(entry.name).items():
-            table.add_row(Text(name, "cyan"), command.units, command.summary)
-        OUT.print(table)
+        from crtk_drivers.cli.offered_view import print_offered  # numpy is not needed otherwise
+
+        print_offered(entry.plugin)
     OUT.print()

@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from crtk_drivers.cli.list_command import short_names
+from crtk_drivers.cli.name_lists import numbered, short_names
 from crtk_drivers.cli.status_line import STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.client import RemoteDevice
@@ -79,6 +79,13 @@ def print_device(device: RemoteDevice) -> int:
         OUT.print()
         print_position(device)
     OUT.print(Text("\noffers: ", "dim").append(short_names(device.crtk_commands)))
+    for extras in ("services", "inputs", "readings"):
+        names = [
+            each["name"].removeprefix(f"{device.namespace}/")
+            for each in device.manifest.get(extras, {}).values()
+        ]
+        if names:
+            OUT.print(Text(f"{extras}: ", "dim").append("  ".join(numbered(names))))
     return 0
 
 

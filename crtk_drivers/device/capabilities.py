@@ -158,6 +158,8 @@ class Capabilities:
         model: what its maker calls it, as ``UR5e``; empty: the driver does not know before it is opened.
         joints: names, in the order of every joint vector; empty for a device without joints.
         limits: one for each joint.
+        joint_units: of the position of each joint: ``rad``, ``m``, ``Pa``, or empty where it is not known;
+            without any, what the kinematics say.
         modes: the low-level modes; the core derives the CRTK commands from them.
         estimates: those of `modes` whose values the hardware reaches only roughly, by a model of itself.
         measured: CRTK names of the feedback in each sample, sub-namespaces included.
@@ -189,6 +191,7 @@ class Capabilities:
     model: str = ""
     joints: tuple[str, ...] = ()
     limits: tuple[JointLimits, ...] = ()
+    joint_units: tuple[str, ...] = ()
     cartesian_limits: CartesianLimits | None = None
     modes: frozenset[Mode] = frozenset()
     estimates: frozenset[Mode] = frozenset()
@@ -216,6 +219,8 @@ class Capabilities:
     def __post_init__(self) -> None:
         if len(self.limits) != len(self.joints):
             raise ValueError(f"{len(self.limits)} limits for {len(self.joints)} joints")
+        if len(self.joint_units) not in (0, len(self.joints)):
+            raise ValueError(f"{len(self.joint_units)} joint_units for {len(self.joints)} joints")
         if len(self.move_limits) not in (0, len(self.joints)):
             raise ValueError(f"{len(self.move_limits)} move_limits for {len(self.joints)} joints")
         if self.following is not None and len(self.following.error) != len(self.joints):

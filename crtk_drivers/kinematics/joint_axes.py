@@ -27,6 +27,7 @@ AGREES: Final = 1e-4
 SHORTEST: Final = 1e-3
 """Length, in m, of an arm that can be drawn."""
 
+_UNITS: Final = {JointKind.REVOLUTE: "rad", JointKind.PRISMATIC: "m", None: ""}
 _PROBES: Final = 3
 _UNIT: Final = 1e-3  # by which the length of a joint's axis may differ from 1
 
@@ -62,6 +63,11 @@ def joint_kinds(device: Device) -> tuple[JointKind | None, ...]:
     except CrtkError:
         return (None,) * count
     return tuple(_kind(column) for column in jacobian.T)
+
+
+def joint_units(device: Device) -> tuple[str, ...]:
+    """Return the unit of each joint's position: ``rad``, ``m``, what the device says, or empty: not known."""
+    return device.capabilities.joint_units or tuple(_UNITS[each] for each in joint_kinds(device))
 
 
 def chain_of(device: Device) -> RevoluteChain | None:

@@ -21,6 +21,7 @@ from crtk_drivers.plugins.entries import (
     pages,
     sims,
     simulator,
+    typical_device,
 )
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ __all__ = [
     "required",
     "sims",
     "simulator",
+    "typical_device",
 ]
 
 # Imported when first used: to list plugins needs none of it.

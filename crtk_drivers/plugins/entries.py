@@ -34,6 +34,7 @@ from crtk_drivers.plugins.description import Description, description_of
 
 if TYPE_CHECKING:
     from crtk_drivers.commands import Command
+    from crtk_drivers.device import Device
     from crtk_drivers.plugins.declared import DevicePlugin
     from crtk_drivers.plugins.page_plugin import PagePlugin
     from crtk_drivers.plugins.sim_plugin import SimPlugin
@@ -347,15 +348,25 @@ def commands_of(name: str) -> Mapping[str, Command]:
     return MappingProxyType({}) if entry is None or entry.error else _offered(entry.plugin)
 
 
-def _offered(plugin: DevicePlugin) -> Mapping[str, Command]:
+def typical_device(plugin: DevicePlugin) -> Device | None:
+    """Return a device in its default or typical configuration, not opened.
+
+    None if it cannot be made: its configuration has required keys, or what makes it fails.
+    """
     from crtk_drivers.config import from_values, load
-    from crtk_drivers.device.offered import offered
 
     try:
         config: Any = load(plugin.config, from_values(plugin.typical))
-        return offered(plugin.make(config))
+        return plugin.make(config)
     except Exception:  # of a stranger's `create`; whoever asks for the device is told
-        return MappingProxyType({})
+        return None
+
+
+def _offered(plugin: DevicePlugin) -> Mapping[str, Command]:
+    from crtk_drivers.device.offered import offered
+
+    device = typical_device(plugin)
+    return MappingProxyType({}) if device is None else offered(device)
 
 
 def described(plugin: Any) -> Description:

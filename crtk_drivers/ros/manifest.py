@@ -12,7 +12,8 @@ Published once, latched, as JSON in a std_msgs/String on ``~/crtk_capabilities``
     inputs          {name: {name on ROS, type, summary}}: what it takes beyond CRTK
     readings        {name: {name on ROS, type, summary}}: what it tells beyond CRTK
     followers       [sub-namespace]: parts whose state is that of this device, each with a manifest of its own
-    joints          [{name, lower, upper, velocity, acceleration, jerk, effort}], in the order of all vectors
+    joints          [{name, unit, lower, upper, velocity, acceleration, jerk, effort}], in the order of all
+                    vectors; unit of the position: ``rad``, ``m``, ``Pa``, or empty: not known
     tool            limits of the tool, or null
     frames          {base, tool}: as they appear in messages and on /tf
     rates           {io, publish, tf, heartbeat}
@@ -31,8 +32,9 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from crtk_drivers.commands import ROS_TYPES
+from crtk_drivers.commands import ROS_TYPES, units_for
 from crtk_drivers.engine import Engine
+from crtk_drivers.kinematics.joint_axes import joint_units
 from crtk_drivers.ros.names import Frames
 
 MANIFEST = "crtk_capabilities"
@@ -69,13 +71,14 @@ def manifest(
     """
     capabilities, options = engine.capabilities, engine.options
     tool = capabilities.cartesian_limits
+    units = joint_units(engine.device)
     commands = {
         name: {
             "name": ros_names[name],
             "type": ROS_TYPES[command.payload],
             "direction": command.direction.value,
             "level": command.level.value,
-            "units": command.units,
+            "units": units_for(command, units),
             "summary": command.summary,
         }
         for name, command in engine.commands.items()
@@ -119,8 +122,10 @@ def manifest(
         "followers": sorted(engine.device.followers),
         "estimates": sorted(capabilities.estimates),
         "joints": [
-            {"name": name, **_finite(asdict(limits))}
-            for name, limits in zip(capabilities.joints, capabilities.limits, strict=True)
+            {"name": name, "unit": unit, **_finite(asdict(limits))}
+            for name, unit, limits in zip(
+                capabilities.joints, units, capabilities.limits, strict=True
+            )
         ],
         "tool": None if tool is None else _finite(asdict(tool)),
         "frames": {

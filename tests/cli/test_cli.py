@@ -24,8 +24,8 @@ import crtk_drivers
 from crtk_drivers import plugins
 from crtk_drivers.cli import bench_runs, config_reference, device_command, main
 from crtk_drivers.cli.app import app, split_arguments
-from crtk_drivers.cli.list_command import short_names
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
+from crtk_drivers.cli.name_lists import short_names
 from crtk_drivers.cli.own_commands import OWN_COMMANDS
 from crtk_drivers.cli.reaching import is_seen_to_stand
 from crtk_drivers.cli.status_line import StatusLine, status_text

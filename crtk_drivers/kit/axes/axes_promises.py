@@ -60,6 +60,7 @@ def promises(
     """
     return Capabilities(
         joints=tuple(joints),
+        joint_units=tuple("rad" if each.kind == "revolute" else "m" for each in joints.values()),
         limits=tuple(joint.limits for joint in joints.values()),
         modes=frozenset({Mode.JOINT_POSITION, Mode.JOINT_VELOCITY}),
         needs_homing=needs_homing,

@@ -62,6 +62,7 @@ class HapticGripper(DeviceBehind):
         )
         capabilities = Capabilities(
             joints=(GRIPPER,),
+            joint_units=("rad",),
             limits=(limit,),
             modes=frozenset({Mode.JOINT_EFFORT}) if traits.grip else frozenset(),
             rate=traits.rate,

@@ -32,6 +32,7 @@ def capabilities_of(config: CanopenConfig) -> Capabilities:
         what += f", but what is set in the drive decides for {', '.join(unasked)}"
     return Capabilities(
         joints=tuple(joints),
+        joint_units=tuple("rad" if each.kind == "revolute" else "m" for each in joints.values()),
         limits=tuple(map(_limits, joints.values())),
         modes=frozenset(modes),
         native_moves=frozenset({"move_jp"} if config.drives_plan else ()),

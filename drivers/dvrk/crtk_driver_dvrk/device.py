@@ -88,6 +88,9 @@ class DvrkDevice(Sensor):
         measured = ("measured_js", "measured2_js") if arm.has_potentiometers else ("measured_js",)
         self._capabilities = Capabilities(
             joints=self._names,
+            joint_units=tuple(
+                "m" if each.joint_type == "PRISMATIC" else "rad" for each in arm.actuators
+            ),
             limits=(_NO_LIMIT,) * len(self._names),
             measured=measured,
             rate=config.rate,

@@ -339,7 +339,12 @@ class _ChainDevice(Device):
         return notes
 
     def _capabilities_of(
-        self, joints: tuple[str, ...], limits: tuple[JointLimits, ...], *, takes_efforts: bool
+        self,
+        joints: tuple[str, ...],
+        limits: tuple[JointLimits, ...],
+        *,
+        takes_efforts: bool,
+        unit: str = "rad",
     ) -> Capabilities:
         modes = {Mode.JOINT_POSITION}
         servos = self.part.chain.servos
@@ -354,6 +359,7 @@ class _ChainDevice(Device):
         what = "stops by itself" if timeout else "goes on to its last goal"
         return Capabilities(
             joints=joints,
+            joint_units=(unit,) * len(joints),
             limits=limits,
             modes=frozenset(modes),
             estimates=estimates,
@@ -481,7 +487,10 @@ class GripperDevice(_ChainDevice):
         )
         self._angle = 0.0
         self._capabilities = self._capabilities_of(
-            (gripper.joint,), (limits,), takes_efforts=takes_efforts
+            (gripper.joint,),
+            (limits,),
+            takes_efforts=takes_efforts,
+            unit="rad" if gripper.finger.kind == "jaw" else "m",
         )
 
     @property

@@ -66,6 +66,7 @@ class FingerHand(Hand):
         self.capabilities = Capabilities(
             model=model.title,
             joints=(config.joint,),
+            joint_units=("m",),
             limits=(limits,),
             modes=frozenset({Mode.JOINT_POSITION}),
             native_moves=frozenset({"move_jp"}),

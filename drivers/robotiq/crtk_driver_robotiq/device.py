@@ -115,6 +115,7 @@ class RobotiqHand(ActivatedHand[Command]):
         self.capabilities = Capabilities(
             model=config.data.title,
             joints=(config.joint,),
+            joint_units=("m",),
             limits=(limits,),
             modes=frozenset({Mode.JOINT_POSITION}),
             native_moves=frozenset({"move_jp"}),

@@ -114,6 +114,7 @@ class WsgHand(Hand):
         by_line = config.link == "serial"
         self.capabilities = Capabilities(
             joints=(config.joint,),
+            joint_units=("m",),
             limits=(limits,),
             modes=frozenset({Mode.JOINT_POSITION}),
             native_moves=frozenset({"move_jp"}),

@@ -13,7 +13,7 @@ import sys
 import termios
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -31,7 +31,8 @@ from crtk_drivers.cli import hold_command, move_command
 from crtk_drivers.cli.echo_command import as_yaml
 from crtk_drivers.cli.reaching import Interrupted
 from crtk_drivers.client import RemoteDevice, move_handle
-from crtk_drivers.device import Condition
+from crtk_drivers.commands import Payload
+from crtk_drivers.device import Condition, Reading, Service
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import base
 from crtk_drivers.samples import Number, Pose
@@ -125,6 +126,29 @@ def test_state_names_a_loss_that_is_over(far: Far, run: Run) -> None:
     assert code == 0
     reason = "the link was lost (loopback: the link is gone) and is back"
     assert f"DISABLED  homed\nreason: {reason}\nnext: crtk-driver enable" in out
+
+
+def test_state_names_what_is_beyond_crtk_and_units(run_far: Run) -> None:
+    class Served(LoopbackDevice):
+        @property
+        def services(self) -> Mapping[str, Service]:
+            return {"tare": Service("make it zero", lambda: iter(()))}  # type: ignore[arg-type]
+
+        @property
+        def readings(self) -> Mapping[str, Reading]:
+            flags = (f"digital_in_{number}" for number in range(3))
+            return {name: Reading("whether it is on", Payload.FLAG, lambda: None) for name in flags}
+
+    namespace = "/client_served"
+    with serve(LoopbackConfig(), namespace, [], plugin=replace(PLUGIN, create=Served)):
+        code, out, _ = run_far("state", namespace, *FOUND)
+        with client.connect(namespace, timeout=LONG) as arm:
+            joints = {each["name"]: each["unit"] for each in arm.manifest["joints"]}
+    assert code == 0
+    assert re.search(r"^services: .*  tare$", out, re.MULTILINE)
+    assert re.search(r"^readings: state/digital_in_0…2$", out, re.MULTILINE)
+    assert "inputs:" not in out
+    assert joints == {"x": "m", "y": "m", "z": "m", "yaw": "rad"}
 
 
 @pytest.mark.slow
@@ -398,7 +422,8 @@ def test_what_was_mistyped_is_answered_with_an_example_that_works(
     assert code == 2
     assert message in err
     assert "Give one number for each of x, y, z, yaw; or joint=number for some:" in err
-    assert f"move {NAMESPACE} {example} (" in err
+    unit = "degrees" if "--degrees" in arguments else "rad" if "yaw" in example else "m"
+    assert f"move {NAMESPACE} {example} ({unit}, " in err
     assert ("Did you mean yaw?" in err) == (arguments[0] in ("ya", "yam=1"))
     code, _, err = run("move", NAMESPACE, *example.split())
     assert (code, err) == (0, "")

@@ -82,6 +82,7 @@ class EpickHand(ActivatedHand[Command]):
         self.capabilities = Capabilities(
             model="ePick",
             joints=(config.joint,),
+            joint_units=("Pa",),
             limits=(limits,),
             modes=frozenset({Mode.JOINT_POSITION}),
             native_moves=frozenset({"move_jp"}),

@@ -99,6 +99,7 @@ class SchunkHand(Hand):
         )
         self.capabilities = Capabilities(
             joints=(config.joint,),
+            joint_units=("m",),
             limits=(limits,),
             modes=frozenset({Mode.JOINT_POSITION, Mode.JOINT_EFFORT}),
             estimates=frozenset({Mode.JOINT_EFFORT}),
