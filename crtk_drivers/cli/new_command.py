@@ -13,15 +13,17 @@ from collections.abc import Iterator
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
+from typing_extensions import override
 
 from crtk_drivers import plugins
-from crtk_drivers.cli.help_pages import HelpfulCommand
+from crtk_drivers.cli.help_pages import HelpfulCommand, completed_from
 from crtk_drivers.cli.own_commands import OWN_COMMANDS
 from crtk_drivers.cli.terminal import OUT
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.errors.wording import current_wording, worded
 
 app = typer.Typer()
@@ -42,10 +44,48 @@ class Kind(StrEnum):
     GRIPPER = "gripper"
 
 
-@app.command("new", cls=HelpfulCommand)
+_EXAMPLES: Final = {Kind.SENSOR: "my_scale", Kind.ARM: "my_robot", Kind.GRIPPER: "my_hand"}
+"""Names for them that anybody may use."""
+
+
+class _NewCommand(HelpfulCommand):
+    """The command, which answers wrong words with what can be given."""
+
+    @override
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read kind and name."""
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as error:
+            missing = getattr(error.param, "name", "")
+            if missing not in ("kind", "name"):
+                raise
+            what = "a name is missing" if missing == "name" else "a kind and a name are missing"
+            raise _wrong(what, ctx.params.get("kind") or "") from None
+
+
+def _wrong(what: str, kind: str = "") -> ConfigError:
+    """Return what is wrong with the words that were given, with what can be given."""
+    meant = next(iter(near_names(kind, Kind)), None)
+    hint = f"Did you mean {meant}? " if meant and meant != kind else ""
+    example = f"crtk-driver new {meant or Kind.SENSOR} {_EXAMPLES[Kind(meant or Kind.SENSOR)]}"
+    return ConfigError(
+        what,
+        where="new",
+        remedy=f"{hint}Give one of {', '.join(Kind)}, and one name. For example: {example}",
+    )
+
+
+@app.command("new", cls=_NewCommand, context_settings={"allow_extra_args": True})
 def _new(
+    context: typer.Context,
     kind: Annotated[
-        Kind, typer.Argument(help=f"What it is like: {', '.join(Kind)}.", show_default=False)
+        str,
+        typer.Argument(
+            help=f"What it is like: {', '.join(Kind)}.",
+            show_default=False,
+            autocompletion=completed_from(lambda: Kind),
+        ),
     ],
     name: Annotated[
         str,
@@ -65,7 +105,11 @@ def _new(
 
     A folder crtk-driver-NAME is made; nothing is overwritten. For example: crtk-driver new sensor my_scale
     """
-    raise typer.Exit(write_plugin(kind, name, directory))
+    if kind not in tuple(Kind):
+        raise _wrong(f"there is no template {kind!r}", kind)
+    if context.args:
+        raise _wrong(f"too many words: {' '.join(context.args)}", kind)
+    raise typer.Exit(write_plugin(Kind(kind), name, directory))
 
 
 def write_plugin(kind: Kind, name: str, parent: Path) -> int:

@@ -57,6 +57,28 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.parametrize(
+    ("words", "wrong", "example"),
+    [
+        ((), "a kind and a name are missing", "new sensor my_scale"),
+        (("sensor",), "a name is missing", "new sensor my_scale"),
+        (("arm",), "a name is missing", "new arm my_robot"),
+        (("foo", "bar"), "there is no template 'foo'", "new sensor my_scale"),
+        (("foo",), "a name is missing", "new sensor my_scale"),
+        (("-C", ".", "foo", "bar"), "there is no template 'foo'", "new sensor my_scale"),
+        (("griper", "bar"), "'griper'. Did you mean gripper? ", "new gripper my_hand"),
+        (("sensor", "my", "scale"), "too many words: scale", "new sensor my_scale"),
+    ],
+)
+def test_wrong_words_are_answered_with_what_can_be_given(
+    words: tuple[str, ...], wrong: str, example: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert new(*words) == 2
+    error = " ".join(capsys.readouterr().err.replace("hint:", "").split())
+    for text in (wrong.replace("'. D", "' D"), "Give one of sensor, arm, gripper", example):
+        assert text in error, error
+
+
+@pytest.mark.parametrize(
     ("name", "reason", "way_out"),
     [
         ("My-Scale", "no name for Python modules", "Call it my_scale."),
