@@ -160,18 +160,17 @@ class DvrkDevice(Sensor):
         arm = self._arm
         name = f"{arm.name} {arm.serial_number}".strip()
         notes = [Note(Severity.INFO, "arm", f"{name}, boards {', '.join(map(str, arm.boards))}")]
-        unset, partly = [], []
+        preloads: dict[int, list[int]] = {}
         for each in self._found:
             period = self._once(each, Register.WATCHDOG, deadline) * WATCHDOG_STEP
             text = f"FPGA V{each.fpga}, {each.hardware_name}, firmware {each.firmware}, node {each.node}; "
             text += f"watchdog {1000.0 * period:.0f} ms" if period else "watchdog off"
             notes.append(Note(Severity.INFO, f"board {each.board}", text))
-            loads = [self._once(each, preload(at), deadline) for at in self._used[each.board]]
-            if all(load == MIDDLE for load in loads):
-                unset.append(str(each.board))
-            if MIDDLE in loads:
-                partly.append(each.board)
-        self._unset = tuple(partly)
+            preloads[each.board] = [
+                self._once(each, preload(at), deadline) for at in self._used[each.board]
+            ]
+        self._unset = tuple(board for board, loads in preloads.items() if MIDDLE in loads)
+        unset = [str(board) for board in self._unset if set(preloads[board]) == {MIDDLE}]
         if unset:
             text = (
                 f"those of board {', '.join(unset)} were not set since it was switched on: positions count "

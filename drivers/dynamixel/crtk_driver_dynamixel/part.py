@@ -352,9 +352,10 @@ class Part:
             names = ", ".join(map(self._name, silent))
             yield unheard(link, names)
         heard = [place for place in self.places if frame.valid[place]]
-        yield from obstacles(link, heard, self._config)
+        wanted = {place: unset(link, place, self._config) for place in heard}
+        yield from obstacles(link, wanted, self._config)
         # With the homing offset that is to be written, another one counts otherwise.
-        counted = [place for place in heard if not unset(link, place, self._config)]
+        counted = [place for place in heard if not wanted[place]]
         yield from self._modes.beyond({place: int(frame.position[place]) for place in counted})
 
     def enable(self) -> Steps:

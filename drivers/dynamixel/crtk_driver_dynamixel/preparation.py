@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 from crtk_driver_dynamixel import registers
@@ -94,14 +94,19 @@ def _lasting(link: ChainLink, place: int) -> TransitionFailed:
 
 
 def obstacles(
-    link: ChainLink, places: Sequence[int], config: DynamixelConfig
+    link: ChainLink, unset_of: Mapping[int, Mapping[str, int]], config: DynamixelConfig
 ) -> Iterator[TransitionFailed]:
-    """Yield what `recover` and `set_up` fail on, by the registers as they were read last."""
-    for place in places:
+    """Yield what `recover` and `set_up` fail on, by the registers as they were read last.
+
+    Args:
+        link: of the chain.
+        unset_of: what is `unset`, of each servo that is asked for.
+        config: of the chain.
+    """
+    for place, wanted in unset_of.items():
         state, servo = link.states[place], link.chain.servos[place]
         if link.health[place].hardware_error and not servo.units.model.family.restarts:
             yield _lasting(link, place)
-        wanted = unset(link, place, config)
         if wanted:
             torque = link.health[place].torque
             is_on = bool(state.values.get("torque_enable")) if torque is None else torque

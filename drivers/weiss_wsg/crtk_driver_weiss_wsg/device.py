@@ -297,9 +297,12 @@ class WsgHand(Hand):
     def obstacles(self, *, may_hold: bool) -> tuple[CrtkError, ...]:
         if self._must_acknowledge:
             return ()  # `enable` does that first: it can be judged only then
-        if fault := self._link.fault:
-            return (DeviceFault(fault[0], where=self.where, remedy=fault[1]),)
-        return self._of_reference(may_hold)
+        return self._of_fault() or self._of_reference(may_hold)
+
+    def _of_fault(self) -> tuple[DeviceFault, ...]:
+        """Return what it reports to be wrong with it."""
+        fault = self._link.fault
+        return () if fault is None else (DeviceFault(fault[0], where=self.where, remedy=fault[1]),)
 
     def _of_reference(self, may_hold: bool) -> tuple[CrtkError, ...]:
         """Return why it may not look for its reference, if it would."""
@@ -321,8 +324,7 @@ class WsgHand(Hand):
         if self._must_acknowledge:
             yield from self._do(Order(Command.ACKNOWLEDGE))
             yield from until(self._has_acknowledged, TURN)
-        if fault := self._link.fault:
-            raise DeviceFault(fault[0], where=self.where, remedy=fault[1])
+        raise_first(self._of_fault())
         if self._link.is_stopped_fast:
             raise self._failed("it does not leave its fast stop", "Look at its web page.")
         raise_first(self._of_reference(may_hold))
