@@ -37,6 +37,7 @@ MEASURING_TIME = 1.0
 
 RATE_TOLERANCE = 0.02
 LATE_SHARE = 0.005
+_RESETS = "`enable` resets this, as far as is known. Look for the cause first."
 _SETTLING_TIME = 0.3
 _POLL = 0.02
 
@@ -130,8 +131,9 @@ def _check_link(launch: Launch) -> Iterator[Finding]:
         connected = _check_connection(session, started)
         yield connected
         if connected.verdict is Verdict.OK:
+            rate = list(_check_rate(session.engine))  # meanwhile the device tells all of itself
             yield from _check_state(session.engine)
-            yield from _check_rate(session.engine)
+            yield from rate
             for name, engine in {"": session.engine, **session.children}.items():
                 yield from _check_enable(engine, f"enable {name}".strip())
 
@@ -155,12 +157,16 @@ def _check_connection(session: Session, started: float) -> Finding:
 
 def _check_state(engine: Engine) -> Iterator[Finding]:
     status = engine.status
-    verdict = {
-        OperatingState.FAULT: Verdict.FAILED,
-        OperatingState.PAUSED: Verdict.WARNING,
-    }.get(status.state, Verdict.OK)
     detail = f": {status.detail}" if status.detail else ""
-    yield Finding("operating state", verdict, f"{status.state}{detail}")
+    verdict, remedy = Verdict.OK, ""
+    if status.state is OperatingState.PAUSED:
+        verdict = Verdict.WARNING
+    elif status.state is OperatingState.FAULT:
+        # What `enable` resets is no obstacle, see `Device.obstacles`.
+        is_reset = not engine.device.obstacles
+        verdict = Verdict.WARNING if is_reset else Verdict.FAILED
+        remedy = _RESETS if is_reset else ""
+    yield Finding("operating state", verdict, f"{status.state}{detail}", remedy)
     health = engine.health()
     if health.device:
         words = {note.key: note.text for note in health.notes}

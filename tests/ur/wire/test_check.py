@@ -71,3 +71,19 @@ def test_check_says_it_once_where_the_state_is_fault(capsys: pytest.CaptureFixtu
     text = " ".join(capsys.readouterr().out.split())
     assert text.count("emergency stop on the teach pendant") == 1
     assert "not ready: 1 of" in text
+
+
+@pytest.mark.parametrize("unlocks", [True, False])
+def test_a_fault_that_enable_resets_is_a_warning(
+    capsys: pytest.CaptureFixture[str], unlocks: bool
+) -> None:
+    with SIM.spawn() as sim:
+        sim.control.inject("protective_stop")
+        setting = ["--set", f"enable_unlocks={str(unlocks).lower()}"]
+        assert main(["check", "ur", "--host", sim.host, *setting, *PATIENT]) == (not unlocks)
+    text = " ".join(capsys.readouterr().out.split())
+    verdict = "warning" if unlocks else "failed"
+    assert re.search(rf"operating state {verdict} FAULT: .*protective stop", text)
+    assert ("`enable` resets this, as far as is known" in text) == unlocks
+    assert re.search(r"enable +ok", text) is not None or not unlocks
+    assert ("not ready: 1 of" in text) != unlocks
