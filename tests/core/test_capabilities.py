@@ -194,3 +194,8 @@ def test_limits_that_limit_nothing_are_refused(numbers: tuple[float, ...]) -> No
 
 def test_a_device_with_nothing_is_possible() -> None:
     assert set(offered(ScriptedDevice(FakeClock(), Capabilities(measured=()), False))) == STATE
+
+
+def test_units_are_given_for_all_joints_or_none() -> None:
+    with pytest.raises(ValueError, match="2 joint_units for 0 joints"):
+        Capabilities(measured=(), joint_units=("rad", "m"))
