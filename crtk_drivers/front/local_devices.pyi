@@ -1853,7 +1853,7 @@ class UrState(Protocol):
         """
 
     def protective_stop(self) -> bool:
-        """Whether there is a protective stop.
+        """Whether the safety system reports: protective stop.
 
         Returns:
             bool: True or False.
@@ -1863,7 +1863,7 @@ class UrState(Protocol):
         """
 
     def safeguard_stop(self) -> bool:
-        """Whether there is a safeguard stop.
+        """Whether the safety system reports: safeguard stop.
 
         Returns:
             bool: True or False.
@@ -1873,7 +1873,7 @@ class UrState(Protocol):
         """
 
     def emergency_stop(self) -> bool:
-        """Whether there is a emergency stop.
+        """Whether the safety system reports: emergency stop.
 
         Returns:
             bool: True or False.
@@ -1883,7 +1883,7 @@ class UrState(Protocol):
         """
 
     def robot_emergency_stop(self) -> bool:
-        """Whether there is a robot emergency stop.
+        """Whether the safety system reports: robot emergency stop.
 
         Returns:
             bool: True or False.
@@ -1893,7 +1893,7 @@ class UrState(Protocol):
         """
 
     def system_emergency_stop(self) -> bool:
-        """Whether there is a system emergency stop.
+        """Whether the safety system reports: system emergency stop.
 
         Returns:
             bool: True or False.
@@ -1903,7 +1903,7 @@ class UrState(Protocol):
         """
 
     def safety_violation(self) -> bool:
-        """Whether there is a safety violation.
+        """Whether the safety system reports: safety violation.
 
         Returns:
             bool: True or False.
@@ -1913,7 +1913,7 @@ class UrState(Protocol):
         """
 
     def safety_fault(self) -> bool:
-        """Whether there is a safety fault.
+        """Whether the safety system reports: safety fault.
 
         Returns:
             bool: True or False.

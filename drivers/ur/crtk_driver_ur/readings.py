@@ -82,7 +82,7 @@ class UrReadings:
         for name, (summary, modes, field) in MODES.items():
             yield name, self._of(f"mode {summary}", Payload.TEXT, partial(_mode, modes, field))
         for name, stop in STOPS.items():
-            summary = f"whether there is a {name.replace('_', ' ')}"
+            summary = f"whether the safety system reports: {name.replace('_', ' ')}"
             yield name, self._of(summary, Payload.FLAG, partial(_stopped, stop))
         for name, (summary, field) in NUMBERS.items():
             yield name, self._of(summary, Payload.NUMBER, partial(_number, field))
