@@ -107,7 +107,8 @@ def explained(device: RemoteDevice) -> Iterator[None]:
         yield
     except TransitionFailed as failed:
         reason = _report(device).text.rstrip(".")
-        if not reason or reason in tuple(OperatingState):
+        is_said = reason.partition(". ")[0] in failed.message
+        if is_said or reason in tuple(OperatingState):
             raise
         raise TransitionFailed(
             f"{failed.message}: {reason}",

@@ -6,7 +6,7 @@ import time
 from typing import Final
 
 from crtk_drivers.client.announcements import Watch
-from crtk_drivers.errors import CommandRefused, TransitionFailed
+from crtk_drivers.errors import CommandRefused, Reason, TransitionFailed
 from crtk_drivers.front.base import DeviceFront
 from crtk_drivers.state import OperatingState, StateCommand, Status, target_of
 
@@ -65,6 +65,8 @@ class Transition:
             event = watch.next(max(0.0, deadline - time.monotonic()))
             if isinstance(event, CommandRefused):
                 if event.command == "state_command" and event.stamp_ns == stamp_ns:
+                    if event.reason is Reason.FAILED:
+                        raise TransitionFailed(event.detail, where=where, remedy=event.remedy)
                     raise event
                 continue
             if event is not None:

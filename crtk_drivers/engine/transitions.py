@@ -158,6 +158,8 @@ class Transitions:
             target = target_of(self._board.status.state, command)
             if command is StateCommand.UNHOME and not self._needs_homing:
                 raise self._without_effect(command)
+            if running is not None:
+                self._ended_where_it_began(running, f"{running.command}: broken off by {command}")
             self.cancel()
             self._running = _Running(command, target, stamp_ns)
             return True
@@ -214,6 +216,7 @@ class Transitions:
             self.cancel()
             self._ended_in = replace(self._board.status, detail=f"broken off by {by}", remedy="")
             self._board.warned(f"{running.command} was broken off by {by}")
+            self._ended_where_it_began(running, f"{running.command}: broken off by {by}")
             self._board.announce()
 
     def cancel(self) -> None:
@@ -318,13 +321,32 @@ class Transitions:
             self._stopping.stop()
 
     def _failed(self, running: _Running, reason: str, remedy: str = "") -> None:
-        was_enabled = self._board.status.state is OperatingState.ENABLED
+        before = self._board.status.state
+        was_enabled = before is OperatingState.ENABLED
         with self._board.lock:
             if self._ended(running):
                 self._board.update(OperatingState.FAULT, reason, remedy=remedy, busy=False)
                 self._ended_in = self._board.status
+                if before is OperatingState.FAULT:
+                    self._ended_where_it_began(running, reason, remedy)
         if self._came_to_nothing(running.command) or was_enabled:
             self._stopping.stop()
+
+    def _ended_where_it_began(self, running: _Running, reason: str, remedy: str = "") -> None:
+        """Tell the sender of a command that it has failed, though the state is the one in which it began.
+
+        The state cannot show that: it is announced again for other reasons, too.
+        """
+        self._board.refused(
+            CommandRefused(
+                "state_command",
+                Reason.FAILED,
+                reason,
+                where=self._where,
+                remedy=remedy,
+                stamp_ns=running.stamp_ns,
+            )
+        )
 
     def _reached(self, running: _Running, now: float) -> bool:
         """Announce the end, and return True; False if it is not known yet where the device is.

@@ -185,6 +185,7 @@ class Reason(StrEnum):
     STREAM_OWNED = "stream_owned"
     STREAM_ENDED = "stream_ended"
     NO_EFFECT = "no_effect"
+    FAILED = "failed"
     INTERNAL_ERROR = "internal_error"
     NOT_CONNECTED = "not_connected"
     LOCAL_CONTROL = "local_control"

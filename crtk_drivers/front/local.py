@@ -28,7 +28,13 @@ from crtk_drivers.config import from_values
 from crtk_drivers.device import Reading
 from crtk_drivers.device.offered import missing_for
 from crtk_drivers.engine import Engine, Observer
-from crtk_drivers.errors import CommandRefused, ConnectionFailed, DataTimeout, TransitionFailed
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionFailed,
+    DataTimeout,
+    Reason,
+    TransitionFailed,
+)
 from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader, did_you_mean
 from crtk_drivers.front.method_forms import (
     SERVICE_TIMEOUT,
@@ -126,6 +132,8 @@ class _StatusWatch(Observer):
 
     @override
     def command_refused(self, refusal: CommandRefused) -> None:
+        if refusal.reason is Reason.FAILED:
+            return  # the fault, or the warning of what broke it off, has been logged
         is_awaited = refusal.command == _STATE_COMMAND and refusal.stamp_ns in self._awaited
         is_raised = is_awaited or threading.get_ident() in self._raising
         level = logging.INFO if is_raised else logging.WARNING
@@ -474,7 +482,10 @@ class _RefusalWatch(Observer):
 
     @override
     def command_refused(self, refusal: CommandRefused) -> None:
-        if refusal.command == "state_command" and refusal.stamp_ns == self._stamp_ns:
+        is_ours = refusal.command == _STATE_COMMAND and refusal.stamp_ns == self._stamp_ns
+        if (
+            is_ours and refusal.reason is not Reason.FAILED
+        ):  # how it ended says `transition_outcome`
             self._refusals.append(refusal)
 
 

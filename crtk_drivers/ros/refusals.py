@@ -86,6 +86,8 @@ class RefusalTopic:
             each, self._each = self._each, deque(maxlen=MOST_AT_ONCE)
         for refusal, count in each:
             self._tell(refusal, count)
+            if refusal.reason is Reason.FAILED:
+                continue  # the fault, or the warning of what broke it off, has been logged
             if self._logged.passes(f"{refusal.command} {refusal.reason}", now):
                 logger.warning("%s", refusal)
         for refusal, count, new in self._due(now):

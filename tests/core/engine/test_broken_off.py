@@ -240,10 +240,12 @@ def test_an_enable_that_refuses_itself_leaves_an_overdue_stop_watched() -> None:
 
 def test_who_enables_is_told_that_a_stop_has_broken_it_off() -> None:
     rig = SweepingRig()
-    rig.engine.state_command("enable")
+    rig.engine.state_command("enable", stamp_ns=7)
     rig.cycle(5)
     told = len(rig.told.statuses)
     rig.engine.submit("hold")
+    (answer,) = rig.told.refusals
+    assert (answer.reason, answer.stamp_ns) == (Reason.FAILED, 7)
     assert rig.engine.transition_outcome.state is S.DISABLED
     assert rig.engine.transition_outcome.detail == "broken off by hold"
     assert rig.told.warnings == ["enable was broken off by hold"]

@@ -394,7 +394,9 @@ def test_pause_ends_whatever_goes_on(running: str) -> None:
     rig.cycle(8)
     assert rig.state is S.PAUSED
     assert rig.engine.transition_ended
-    assert rig.told.refusals == []
+    told = [(refusal.reason, refusal.detail) for refusal in rig.told.refusals]
+    broken_off = (Reason.FAILED, f"{running}: broken off by pause")  # for its sender
+    assert told == ([] if running == "pause" else [broken_off])
 
 
 def test_hold_is_never_refused_while_the_state_changes() -> None:

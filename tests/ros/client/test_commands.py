@@ -32,8 +32,8 @@ from crtk_drivers.cli.echo_command import as_yaml
 from crtk_drivers.cli.reaching import Interrupted
 from crtk_drivers.client import RemoteDevice, move_handle
 from crtk_drivers.commands import Payload
-from crtk_drivers.device import Condition, Reading, Service
-from crtk_drivers.errors import CommandRefused
+from crtk_drivers.device import Condition, Reading, Service, Steps
+from crtk_drivers.errors import CommandRefused, DeviceFault
 from crtk_drivers.front import base
 from crtk_drivers.samples import Number, Pose
 from crtk_drivers.state import OperatingState
@@ -192,6 +192,25 @@ def test_a_failed_enable_says_why(far: Far, run: Run) -> None:
     assert code == 1
     assert re.search(r"enable ended in FAULT: .*(the link is gone|no answer)", err)
     assert "What comes next: crtk-driver state /client_commands" in err
+
+
+def test_enable_that_leaves_a_fault_says_so_at_once(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The state does not change: it is the answer to the command that ends the waiting."""
+
+    def shut() -> Steps:
+        raise DeviceFault("the door is open", remedy="Close it.")
+
+    monkeypatch.setattr(far.device, "_transition", shut)
+    far.device.reported = Condition(OperatingState.FAULT, "the door is open")
+    eventually(
+        lambda: far.arm.operating_state().state is OperatingState.FAULT, "the fault is heard of"
+    )
+    code, _, err = run("enable", NAMESPACE)
+    assert code == 1
+    assert "enable: the door is open. Close it." in " ".join(err.split())
+    assert "in time" not in err
 
 
 def test_home_needs_no_hold_of_a_sensor(
