@@ -381,11 +381,18 @@ class Engine(Intake):
 
     def _serve(self, now: float) -> None:
         """Advance the service that runs. One that moves begins as a transition does: at rest."""
-        if self._requests.step(now, self._may_move, self._stopping.moves_again):
+        if self._requests.step(now, self._may_move, self._moved_by_service):
             self._stopping.stop()
 
+    def _moved_by_service(self) -> None:
+        self._stopping.moves_again()
+        self._motion.follow_device()
+
     def _may_move(self, now: float) -> bool:
-        """Whether a service that moves may begin now."""
+        """Whether a service that moves may begin now; a motion of ours is ended before it."""
+        if not self._motion.rests:
+            self._motion.end("by a service that moves")
+            self._stopping.stop()
         rests = self._stopping.confirmed or self._stopping.overdue(now)
         return bool(rests) and self._transitions.running not in STOPS
 

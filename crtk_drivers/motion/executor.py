@@ -204,6 +204,11 @@ class MotionExecutor:
         if ended is not None:
             ended.end(Outcome.ABORTED, reason)
 
+    def follow_device(self) -> None:
+        """Let the device move by itself, as by a service: what was sent before is not in force any more."""
+        self._forget_stream()
+        self._feedback.follow_device()
+
     def abandon(self, reason: str) -> None:
         """Release those who wait for a move. From any thread."""
         running = self._activity
@@ -238,7 +243,7 @@ class MotionExecutor:
             self._stopping.stop()
             self._feedback.hold()
         else:
-            self._feedback.follow_device()
+            self.follow_device()
             self._stopping.moves_again()
             self._activity = FreeDrive(order, self._device, self._where)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 import pytest
 from typing_extensions import override
 
@@ -18,8 +19,10 @@ from crtk_drivers.errors import (
     StopUnconfirmed,
     TransitionFailed,
 )
+from crtk_drivers.motion.move import Outcome
+from crtk_drivers.samples import JointState
 from crtk_drivers.state import OperatingState as S
-from rigs.scripted_engine import LONG_STEPS, Recorder, Rig, ScriptedDevice, two_joints
+from rigs.scripted_engine import LONG_STEPS, Recorder, Rig, ScriptedDevice, jp, two_joints
 
 
 class Sweeping(ScriptedDevice):
@@ -250,6 +253,47 @@ def test_who_enables_is_told_that_a_stop_has_broken_it_off() -> None:
     assert rig.engine.transition_outcome.detail == "broken off by hold"
     assert rig.told.warnings == ["enable was broken off by hold"]
     assert len(rig.told.statuses) > told
+
+
+def test_after_a_service_that_moved_the_setpoint_is_measured() -> None:
+    """A move would begin where the joints were before, and throw them back there."""
+    rig = SweepingRig().enabled_after(25)
+    move = rig.engine.submit("move_jp", jp(0.1, 0.0))
+    assert move is not None
+    rig.cycle(300)
+    assert move.outcome is Outcome.REACHED
+
+    def moved() -> None:
+        rig.device.position = np.array([0.5, 0.2])
+
+    rig.device.meanwhile = moved
+    rig.engine.request("turn")
+    rig.cycle(3)
+    found = rig.engine.feedback("setpoint_js")
+    assert found is not None
+    assert isinstance(found[0], JointState)
+    assert found[0].position.tolist() == [0.5, 0.2]
+    written = len(rig.written)
+    rig.engine.submit("move_jr", jp(0.0, 0.1))
+    rig.cycle(300)
+    assert all(abs(each.values[0] - 0.5) < 1e-9 for each in rig.written[written:])
+    assert rig.written[-1].values.tolist() == pytest.approx([0.5, 0.3])
+
+
+def test_a_move_is_ended_before_a_service_that_moves() -> None:
+    rig = SweepingRig().enabled_after(25)
+    move = rig.engine.submit("move_jp", jp(0.5, 0.0))
+    assert move is not None
+    rig.cycle(5)
+    rig.engine.request("turn")
+    rig.cycle()
+    assert move.outcome is Outcome.ABORTED
+    assert "by a service that moves" in move.reason
+    assert rig.device.calls[-1] != "turn"
+    written = len(rig.written)
+    rig.cycle(5)
+    assert rig.device.is_moving
+    assert len(rig.written) == written
 
 
 def test_a_service_that_moves_nothing_outlives_a_stop() -> None:
