@@ -8,7 +8,7 @@ from contextlib import suppress
 from crtk_drivers.cli.reaching import STOP_TIMEOUT, need, place_of, why_not_standing
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.client import RemoteDevice
-from crtk_drivers.errors import ConnectionFailed, CrtkError, StopUnconfirmed
+from crtk_drivers.errors import ConnectionFailed, CrtkError, DataTimeout, StopUnconfirmed
 
 
 def hold(device: RemoteDevice) -> int:
@@ -25,8 +25,8 @@ def hold(device: RemoteDevice) -> int:
     sent = time.monotonic()
     name = plain(device.namespace)
     with ERR.status(f"hold {name} ..."):
-        device.hold()
-        has_state, place = _has_state(device), place_of(device)
+        has_state = _sent(device)
+        place = place_of(device)
         if place:
             with suppress(CrtkError):  # what it does not report is told below
                 device.add(place)  # to find it takes time of its own, once
@@ -47,10 +47,19 @@ def hold(device: RemoteDevice) -> int:
     return 0
 
 
-def _has_state(device: RemoteDevice) -> bool:
-    """Return whether an operating state is told, by the device or by the one that it is a part of."""
+def _sent(device: RemoteDevice) -> bool:
+    """Send `hold`, and return whether an operating state is heard, of the device or of what it is a part of.
+
+    Raises:
+        CrtkError: it was refused, or could not be sent.
+    """
     try:
+        device.hold()
         device.add("operating_state")
+    except DataTimeout:
+        return False  # it is silent; hold goes out before it is waited for
     except ConnectionFailed:
+        if "operating_state" in device.crtk_commands:
+            raise
         return False
     return True

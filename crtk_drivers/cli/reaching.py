@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import zip_longest
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,6 +20,7 @@ from crtk_drivers.status.stop_request import INTERRUPTED, StopRequest
 
 if TYPE_CHECKING:
     from crtk_drivers.client import RemoteDevice
+    from crtk_drivers.samples import JointState, Pose
 
 Namespace = Annotated[
     str,
@@ -35,10 +37,10 @@ FIND_TIMEOUT = 5.0
 
 STOP_TIMEOUT = 5.0
 """Seconds to wait after `hold` for the device to stand."""
-STILL = 2e-3
+STILL = 1e-3
 """rad or m by which what stands seems to move in `STILL_TIME`."""
-STILL_TIME = 0.1
-"""Seconds in which it is seen to stay where it is."""
+STILL_TIME = 0.5
+"""Seconds in which it is seen to stay where it is: what goes by 2 mm/s moves."""
 LOOK_PERIOD = 0.01
 
 
@@ -166,6 +168,7 @@ def why_not_standing(device: RemoteDevice, timeout: float, *, has_state: bool = 
     name = place_of(device)
     if not name:
         return ""
+    units = {each["name"]: each.get("unit") for each in device.manifest.get("joints", ())}
     rest: list[float] = []
     since = first = 0.0
     while time.monotonic() < deadline:
@@ -173,7 +176,7 @@ def why_not_standing(device: RemoteDevice, timeout: float, *, has_state: bool = 
             value, stamp = getattr(device, name)(extra=True)
         except CrtkError as error:
             return error.message
-        place, now = [*value.position, *getattr(value, "orientation", ())], time.monotonic()
+        place, now = [*_place_in(value, units)], time.monotonic()
         pairs = list(zip(place, rest, strict=False))
         if not pairs or not all(abs(one - other) <= STILL for one, other in pairs):
             rest, since, first = place, now, stamp
@@ -181,6 +184,17 @@ def why_not_standing(device: RemoteDevice, timeout: float, *, has_state: bool = 
             return ""
         time.sleep(LOOK_PERIOD)
     return f"{name} still changes"
+
+
+def _place_in(value: JointState | Pose, units: Mapping[str, str]) -> Iterator[float]:
+    """Yield the numbers that stay the same while a device stands: a vacuum in Pa need not."""
+    if hasattr(value, "orientation"):
+        yield from (*value.position, *value.orientation)
+        return
+    positions = value.position.tolist()
+    for name, position in zip_longest(value.name[: len(positions)], positions):
+        if units.get(name, "") in ("rad", "m", ""):
+            yield position
 
 
 def place_of(device: RemoteDevice) -> str:

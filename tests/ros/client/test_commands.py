@@ -22,6 +22,7 @@ from typing import Any, Self
 import numpy as np
 import pytest
 import yaml
+from crtk_msgs.msg import OperatingState as OperatingStateMessage
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
@@ -525,11 +526,13 @@ def test_hold_of_a_device_that_moves_on_says_what_to_do(
 
 
 class Moved:
-    """A device of another maker that tells no operating state, but where it is."""
+    """A device of another maker that says where it is; of its operating state it is silent, or has none."""
 
-    def __init__(self, namespace: str, *, moves: bool, place: bool = True) -> None:
+    def __init__(
+        self, namespace: str, *, speed: float, place: bool = True, mute: bool = False
+    ) -> None:
         self.namespace = namespace
-        self._moves, self._place = moves, place
+        self._speed, self._place, self._mute = speed, place, mute
         self._stop = threading.Event()
         self._made = Node(namespace.strip("/"))
         self.holds = 0
@@ -537,6 +540,8 @@ class Moved:
     def __enter__(self) -> Self:
         node = self._made.__enter__().node
         node.create_subscription(Empty, f"{self.namespace}/hold", self._hold, 10)
+        if self._mute:
+            node.create_publisher(OperatingStateMessage, f"{self.namespace}/operating_state", 10)
         # Something is published in any case: who listens only is not found as a device.
         name = "measured_js" if self._place else "setpoint_js"
         publisher = node.create_publisher(JointState, f"{self.namespace}/{name}", 10)
@@ -545,7 +550,7 @@ class Moved:
             message, begun = JointState(), time.monotonic()
             while not self._stop.wait(0.01):
                 message.header.stamp = node.get_clock().now().to_msg()
-                message.position = [time.monotonic() - begun if self._moves else 0.5]
+                message.position = [0.5 + self._speed * (time.monotonic() - begun)]
                 publisher.publish(message)
 
         self._thread = threading.Thread(target=publish)
@@ -562,20 +567,22 @@ class Moved:
 
 
 @pytest.mark.parametrize(
-    ("moves", "place", "code", "says"),
+    ("device", "code", "says"),
     [
-        (False, True, 0, r"stands, seen \d+\.\d s after"),
-        (True, True, 1, "measured_js still changes"),
-        (False, False, 0, "does not report whether it stands"),
+        ({"speed": 0.0}, 0, r"stands, seen \d+\.\d s after"),
+        ({"speed": 1.0}, 1, "measured_js still changes"),
+        ({"speed": 0.01}, 1, "measured_js still changes"),
+        ({"speed": 0.0, "place": False}, 0, "does not report whether it stands"),
+        ({"speed": 1.0, "mute": True}, 1, "hold was sent, .* measured_js still changes"),
     ],
-    ids=["stands", "moves", "tells nothing"],
+    ids=["stands", "moves", "creeps", "says nothing", "moves with a silent state"],
 )
 def test_hold_of_a_device_without_operating_state(
-    run_far: Run, moves: bool, place: bool, code: int, says: str
+    run_far: Run, device: dict[str, Any], code: int, says: str
 ) -> None:
-    with Moved("/stateless", moves=moves, place=place) as device:
-        ended, out, err = run_far("hold", device.namespace, *FOUND)
-        eventually(lambda: device.holds, "it was told to hold")
+    with Moved("/stateless", **device) as moved:
+        ended, out, err = run_far("hold", moved.namespace, *FOUND)
+        eventually(lambda: moved.holds, "it was told to hold")
     assert ended == code
     assert re.search(says, " ".join((out + err).split()))
 
