@@ -513,6 +513,7 @@ class Intake:
             if self._connected and (running or not enabled):
                 self._stop_asked = True
                 return
+            self._require_connected(command.name)
             self._require_enabled(command.name)
             self._put(Order(command.name), client)
 

@@ -50,8 +50,9 @@ def test_hold_ends_homing_and_is_refused_only_where_nobody_is_there_to_obey() ->
     assert not rig.engine.status.is_busy
     assert rig.state is S.ENABLED
     rig.disconnect("gone")
-    with pytest.raises(CommandRefused, match="gone"):
+    with pytest.raises(CommandRefused, match="gone") as caught:
         rig.engine.submit("hold")
+    assert caught.value.reason is Reason.NOT_CONNECTED
 
 
 def test_pause_ends_homing() -> None:
