@@ -240,7 +240,8 @@ def _check_real_time() -> Finding:
         "real-time priority",
         Verdict.WARNING,
         "not allowed for this user",
-        "Add '@realtime - rtprio 98' to /etc/security/limits.conf, join that group, log in again.",
+        "Run `sudo groupadd -f realtime; sudo usermod -aG realtime $USER`. "
+        "Add `@realtime - rtprio 98` to /etc/security/limits.conf. Log in again.",
     )
 
 

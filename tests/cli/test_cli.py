@@ -6,6 +6,7 @@ import logging
 import math
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -444,6 +445,16 @@ def test_check_of_a_device_that_is_ready(capsys: Capture) -> None:
     ):
         assert re.search(pattern, text), pattern
     assert "\nready" in text
+
+
+def test_check_names_what_gives_real_time_priority(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda limit: (0, 0))
+    assert main(["check", "loopback", "--rate", "50", "--sample-timeout", "10"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "`sudo groupadd -f realtime; sudo usermod -aG realtime $USER`" in text
+    assert "`@realtime - rtprio 98` to /etc/security/limits.conf. Log in again." in text
 
 
 def test_check_of_a_device_that_does_not_answer(capsys: Capture) -> None:
