@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -27,6 +28,10 @@ NEXT: Mapping[OperatingState, str] = {
     OperatingState.FAULT: "remove the cause, then crtk-driver enable {0}",
 }
 """What to do in a state; {0} is the namespace."""
+
+_REMEDIED = "do what the reason says, then crtk-driver enable {0}"
+_REMEDY = re.compile(r"\.\s+\S")
+"""In a reason: another sentence. The first one says what happened, those after it what to do."""
 
 _PLACES = {"measured_js", "measured_cp"}
 _TROUBLE = (OperatingState.PAUSED, OperatingState.FAULT)
@@ -71,6 +76,8 @@ def print_device(device: RemoteDevice) -> int:
         if report.text not in ("", *OperatingState):  # one of a moment before says no reason
             style = STATE_STYLES[status.state] if status.state in _TROUBLE else ""
             OUT.print(Text("reason: ").append(worded(report.text), style), soft_wrap=True)
+            if status.state is OperatingState.FAULT and _REMEDY.search(report.text):
+                following = _REMEDIED
     OUT.print(
         Text(f"next: {worded(following.format(device.namespace))}", "dim"),
         soft_wrap=True,

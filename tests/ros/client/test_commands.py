@@ -32,6 +32,7 @@ from crtk_drivers.cli import hold_command, move_command
 from crtk_drivers.cli.echo_command import as_yaml
 from crtk_drivers.cli.reaching import Interrupted
 from crtk_drivers.client import RemoteDevice, move_handle
+from crtk_drivers.client.survey import reported
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Condition, Reading, Service, Steps
 from crtk_drivers.errors import CommandRefused, DeviceFault
@@ -113,6 +114,12 @@ def test_state_tells_the_reason_of_a_fault(
     code, out, _ = run("state", NAMESPACE)
     assert code == 0
     assert re.search(r"^FAULT  homed\nreason: .*the door is open", out, re.MULTILINE)
+    assert "\nnext: remove the cause, then crtk-driver enable" in out
+    far.device.reported = Condition(OperatingState.FAULT, "the door is open. Close it.")
+    eventually(lambda: "Close it" in reported(far.arm).text, "the remedy is heard of")
+    _, out, _ = run("state", NAMESPACE)
+    assert "Close it" in out
+    assert "\nnext: do what the reason says, then crtk-driver enable" in out
 
 
 def test_state_names_a_loss_that_is_over(far: Far, run: Run) -> None:
