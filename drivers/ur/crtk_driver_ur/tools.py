@@ -37,7 +37,7 @@ QUESTIONS: Final = {
     "model": "get robot model",
     "serial number": "get serial number",
     "software": "PolyscopeVersion",
-    "loaded program": "programState",
+    "loaded program": "get loaded program",
     "remote control": "is in remote control",
 }
 """What the dashboard server is asked; older software does not know every question."""
@@ -130,7 +130,7 @@ def _from_dashboard(host: str) -> Iterator[tuple[str, str]]:
         return
     for name, answer in zip(QUESTIONS, answers, strict=True):
         if not answer.startswith("could not understand"):
-            yield name, answer
+            yield name, _without_phrase(answer)
 
 
 def _from_robot_api(api: RobotApiClient) -> Iterator[tuple[str, str]]:
@@ -143,7 +143,14 @@ def _from_robot_api(api: RobotApiClient) -> Iterator[tuple[str, str]]:
             yield "Robot API", str(error)
             return
         text = str(answer).lower() if isinstance(answer, bool) else answer
-        yield name, text.removeprefix("Loaded program: ")
+        yield name, _without_phrase(text)
+
+
+def _without_phrase(answer: str) -> str:
+    """Return an answer without the words that the name of its row says already."""
+    if answer == "No program loaded":
+        return "none"
+    return answer.removeprefix("Loaded program: ") or "none"
 
 
 def _calibrated(

@@ -94,6 +94,10 @@ def test_it_tells_what_the_arm_is(sim, said):
     assert rows["digital inputs"] == "0, 2"
     assert rows["payload (kg)"] == "0"
     assert rows["remote control"] == "true"
+    assert rows["loaded program"] == "none"
+    ask_dashboard(sim.host, ["load simulation.urp"])
+    assert info(config(sim.host), InfoOptions()) == 0
+    assert rows_of(said)["loaded program"] == "/programs/simulation.urp"
 
 
 def test_another_model_than_is_configured_is_told(sim, said):
