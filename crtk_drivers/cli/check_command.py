@@ -170,7 +170,8 @@ def _check_state(engine: Engine) -> Iterator[Finding]:
     health = engine.health()
     if health.device:
         words = {note.key: note.text for note in health.notes}
-        lines = grouped(health.device, words, engine.capabilities.joints)
+        units = engine.device.counter_units
+        lines = grouped(health.device, words, engine.capabilities.joints, units)
         yield Finding("device counters", Verdict.OK, "\n".join(lines))
     for note in health.notes:
         if note.severity is not Severity.INFO:

@@ -190,6 +190,14 @@ class Device(ABC):
         return {}
 
     @property
+    def counter_units(self) -> Mapping[str, str]:
+        """Units of `counters` that have one, by the same names; constant.
+
+        People see `s`, `Hz`, `N`, `N·m` and `B` as they are or with a prefix, and a `share` of 1 in percent.
+        """
+        return {}
+
+    @property
     def notes(self) -> tuple[Note, ...]:
         """What people should know of it now, for diagnostics. No I/O; from any thread."""
         return ()

@@ -292,7 +292,12 @@ class _EngineView:
         words = {note.key: worded(note.text) for note in health.notes}
         others = [note for note in health.notes if note.key not in health.device]
         worst = max((note.severity for note in health.notes), default=Severity.INFO)
-        counters = grouped(health.device, words, self._engine.capabilities.joints)
+        counters = grouped(
+            health.device,
+            words,
+            self._engine.capabilities.joints,
+            self._engine.device.counter_units,
+        )
         return [
             (
                 "notes",

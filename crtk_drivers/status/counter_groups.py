@@ -10,8 +10,15 @@ _TOKEN = re.compile(r"[^ _]+[ _]*")
 """A word of a name with what separates it from the next one."""
 
 
+_PERCENT = "share"
+"""Unit of a part of 1."""
+
+
 def grouped(
-    counters: Mapping[str, float], words: Mapping[str, str], joints: Sequence[str]
+    counters: Mapping[str, float],
+    words: Mapping[str, str],
+    joints: Sequence[str],
+    units: Mapping[str, str],
 ) -> list[str]:
     """Return the lines: what stands alone, then each group, then the quantities that each joint has.
 
@@ -19,8 +26,12 @@ def grouped(
         counters: by name.
         words: what some of these numbers mean, by the same names.
         joints: their names, in order.
+        units: of some of these numbers, by the same names; see `Device.counter_units`.
     """
-    shown = {name: words.get(name) or _number(value) for name, value in counters.items()}
+    shown = {
+        in_words(name): words.get(name) or number_with_unit(value, units.get(name, ""))
+        for name, value in counters.items()
+    }
     of_joints = _of_joints(shown, joints)
     for quantity in of_joints:
         for joint in joints:
@@ -36,6 +47,23 @@ def grouped(
             groups.append(f"{begin.rstrip(' _')}: {members}")
     per_joint = [f"{quantity} by joint: {', '.join(each)}" for quantity, each in of_joints.items()]
     return [*([", ".join(singles)] if singles else []), *groups, *per_joint]
+
+
+def in_words(name: str) -> str:
+    """Return the name of a counter as people read it, without underscores."""
+    # Beside spaces they belong to the name of a joint: `elbow_1 current`.
+    return name if " " in name else name.replace("_", " ")
+
+
+def number_with_unit(value: float, unit: str) -> str:
+    """Return a number with its unit: less than a second in ms, a share in percent."""
+    if math.isnan(value):
+        return "not known"
+    if unit == _PERCENT:
+        return f"{_number(100.0 * value)} %"
+    if unit == "s" and 0.0 < abs(value) < 1.0:
+        return f"{_number(1e3 * value)} ms"
+    return f"{_number(value)} {unit}".rstrip()
 
 
 def _of_joints(shown: Mapping[str, str], joints: Sequence[str]) -> dict[str, list[str]]:
@@ -72,6 +100,6 @@ def _common(names: Sequence[str]) -> str:
 
 
 def _number(value: float) -> str:
-    if math.isnan(value):
-        return "not known"
-    return str(int(value)) if float(value).is_integer() else f"{value:.3g}"
+    if float(value).is_integer() or 999.5 <= abs(value) < 1e15:
+        return f"{value:.0f}"
+    return f"{value:.3g}"

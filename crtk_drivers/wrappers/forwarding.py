@@ -102,6 +102,11 @@ class WrappedDevice(Device):
 
     @property
     @override
+    def counter_units(self) -> Mapping[str, str]:
+        return self.inner.counter_units
+
+    @property
+    @override
     def notes(self) -> tuple[Note, ...]:
         return self.inner.notes
 

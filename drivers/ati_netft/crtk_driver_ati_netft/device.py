@@ -52,6 +52,17 @@ from crtk_drivers.state import OperatingState
 
 logger = logging.getLogger(__name__)
 
+_COUNTER_UNITS: Mapping[str, str] = {
+    "tick_rate": "Hz",
+    "record_rate": "Hz",
+    **{f"arrival_jitter_{part}": "s" for part in ("p50", "p99", "max")},
+    "filter_delay": "s",
+    "receive_buffer": "B",
+    "peak_of_rated": "share",
+    **{f"bias_f{axis}": "N" for axis in "xyz"},
+    **{f"bias_t{axis}": "N·m" for axis in "xyz"},
+}
+
 
 class NetFtDevice(Sensor):
     """One sensor.
@@ -267,6 +278,11 @@ class NetFtDevice(Sensor):
         for axis, value in zip(("fx", "fy", "fz", "tx", "ty", "tz"), bias.tolist(), strict=True):
             counters[f"bias_{axis}"] = value
         return counters
+
+    @property
+    @override
+    def counter_units(self) -> Mapping[str, str]:
+        return _COUNTER_UNITS
 
     @property
     @override

@@ -42,6 +42,7 @@ from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.kit.averaging import Average
 from crtk_drivers.plugins import Tool
 from crtk_drivers.samples import Array, vector
+from crtk_drivers.status.counter_groups import in_words, number_with_unit
 
 AXES: Final = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
@@ -403,8 +404,9 @@ def _load(average: Average, device: NetFtDevice) -> Table:
         )
     ]
     rows.append(("measured", f"{average.count} in {counters['record_rate']:.6g} records/s"))
+    units = device.counter_units
     rows += [
-        (name.replace("_", " "), f"{counters[name]:.7g}")
+        (in_words(name), number_with_unit(counters[name], units.get(name, "")))
         for name in ("lost", "duplicates", "late", "malformed", "tick_rate", "arrival_jitter_p99")
         if name in counters
     ]

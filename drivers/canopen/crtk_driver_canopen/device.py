@@ -442,6 +442,11 @@ class CanopenDevice(Device):
 
     @property
     @override
+    def counter_units(self) -> Mapping[str, str]:
+        return {"bus_load": "share"}
+
+    @property
+    @override
     def notes(self) -> tuple[Note, ...]:
         told = [
             Note(Severity.WARNING, axis.place, "warning (statusword bit 7)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
@@ -79,6 +80,8 @@ def test_info_tells_load_and_rates(config, peer, capsys) -> None:
     assert "netbox" in text
     assert "1.5 ± 0 N" in text
     assert "-0.25 ± 0 N·m" in text
+    assert re.search(r"^arrival jitter p99 +[\d.e-]+ (ms|s) *$", text, re.MULTILINE)
+    assert re.search(r"^tick rate +\d+(\.\d+)? Hz *$", text, re.MULTILINE)
     peer.wait_for(0)
 
 
