@@ -4,12 +4,14 @@ They start in a hundredth of a second. What a simulator costs before it does any
 its own modules: a tenth of a second of CPU, all at once, beside tests that keep time; a process of the bench
 takes four, a driver on ROS eight. The fork has the arguments, the files, the environment, the folder and the
 session that whoever starts it gives it, starts its own processes by this too, and ends as any Python program
-does. Its parent is the process that forks.
+does. Its parent is the process that forks. A test run that is killed leaves none of them behind: the kernel
+kills what has lost its parent, which may be stopped or ignore other signals.
 """
 
 from __future__ import annotations
 
 import atexit
+import ctypes
 import fcntl
 import gc
 import importlib
@@ -60,6 +62,9 @@ DRIVERS = (
     "crtk_driver_virtual",
 )
 """What is imported then, too; or one of them alone, if it is a driver that starts a process of its own."""
+
+
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 class Reader:
@@ -175,10 +180,13 @@ class WarmStart:
 
     def _begin(self, *listening: socket.socket) -> socket.socket:
         self._peer, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        # What the kernel takes for the death of a parent is that of the thread which started the process.
+        lasts = threading.current_thread() is threading.main_thread()
         with theirs:
             files = [each.fileno() for each in (theirs, *listening)]
+            told = (os.getpid(), int(lasts), *files)
             self._process = subprocess.Popen(
-                [sys.executable, "-P", __file__, *map(str, files)],
+                [sys.executable, "-P", __file__, *map(str, told)],
                 stdin=subprocess.DEVNULL,
                 pass_fds=files,
                 start_new_session=True,
@@ -312,10 +320,7 @@ class WarmStart:
             raise
 
     def close(self) -> None:
-        """End the process, if there is one.
-
-        What it has forked goes on, as long as the one for whom it was forked.
-        """
+        """End the process, if there is one, and with it what it has forked that still runs."""
         if self._peer is not None:
             self._peer.close()
         if self._process is not None:
@@ -335,8 +340,21 @@ def number(told: socket.socket) -> int:
     return int(data)
 
 
-def serve(first: socket.socket, listener: socket.socket | None) -> dict[str, Any] | None:
-    """Fork whatever is asked for. Return the request in the fork, and None where `first` asks no more."""
+def die_with(parent: int) -> None:
+    """Have the kernel kill this process when the thread that started it ends; end now if it has ended."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def serve(
+    first: socket.socket, listener: socket.socket | None, parent: int
+) -> dict[str, Any] | None:
+    """Fork whatever is asked for.
+
+    Returns the request in the fork, and None where `first` asks no more or `parent`, a pidfd, has ended.
+    Forks keep `first` open: without the pidfd they would wait for this process, and it for them.
+    """
     awakened, awake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(awake, warn_on_full_buffer=False)
@@ -347,7 +365,9 @@ def serve(first: socket.socket, listener: socket.socket | None) -> dict[str, Any
     if listener is not None:
         import_more({*PROGRAMS, *DRIVERS}, imported)
     while True:
-        readable, _, _ = select.select([*doors, *peers, awakened], [], [])
+        readable, _, _ = select.select([*doors, *peers, awakened, parent], [], [])
+        if parent in readable:
+            return None
         if awakened in readable:
             os.read(awakened, 4096)
             reap(children)
@@ -366,11 +386,13 @@ def serve(first: socket.socket, listener: socket.socket | None) -> dict[str, Any
             import_more({package} if alone else {*PROGRAMS, *DRIVERS}, imported)
             descriptor, *files = files
             tell = socket.socket(fileno=descriptor)
+            own = os.getpid()
             pid = os.fork()
             if pid == 0:
+                die_with(own)
                 signal.set_wakeup_fd(-1)
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-                for unused in (awakened, awake):
+                for unused in (awakened, awake, parent):
                     os.close(unused)
                 for other in (*doors, *peers, tell, *children.values()):
                     other.close()
@@ -426,11 +448,21 @@ def import_more(needed: set[str], imported: set[str]) -> None:
         imported |= needed
 
 
-def main(descriptor: int, *doors: int) -> None:
-    """Fork until nobody asks any more, and be the program in the fork."""
+def main(parent: int, lasts: int, descriptor: int, *doors: int) -> None:
+    """Fork until nobody asks any more or the parent has ended, and be the program in the fork.
+
+    Args:
+        parent: process id.
+        lasts: whether the thread of the parent that has started this process is its main thread.
+        descriptor: of the socket by which the parent asks.
+        doors: of the socket where others come, if they may.
+    """
+    if lasts:
+        die_with(parent)
+    watched = os.pidfd_open(parent)
     import_all(SIMULATORS)
     listener = socket.socket(fileno=doors[0]) if doors else None
-    request = serve(socket.socket(fileno=descriptor), listener)
+    request = serve(socket.socket(fileno=descriptor), listener, watched)
     if request is not None:
         os.nice(max(0, request["nice"] - os.getpriority(os.PRIO_PROCESS, 0)))
         start_by(WarmStart(socket.socket(fileno=request["peer"])))

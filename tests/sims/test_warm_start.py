@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from unittest.mock import patch
@@ -13,7 +15,7 @@ from crtk_sim_backends import process
 from crtk_sim_backends.can import SIM
 from crtk_sim_backends.process import SimStartError
 from rigs import warm_start
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 from rigs.warm_start import WarmStart
 
 
@@ -95,6 +97,86 @@ def test_a_process_of_a_driver_has_it_for_a_parent(
         assert child.wait(LONG) == 1
         assert peer.recv(100).split() == [str(os.getpid()).encode(), b"why", b"True"]
         assert said.read() == b"it has told\n"
+
+
+RUN = """
+import os, signal, subprocess, sys, threading, time
+from unittest.mock import patch
+
+from crtk_sim_backends import process
+from crtk_sim_backends.can import SIM
+from rigs.warm_start import WarmStart
+
+def begin():
+    global sim, stubborn
+    with patch.object(process, "_start", warm.start):
+        sim = SIM.spawn()
+    stubborn = warm.start_text("stubborn", stdout=subprocess.PIPE)
+    stubborn.stdout.readline()
+
+warm = WarmStart()
+if sys.argv[1] == "main thread":
+    begin()
+    os.kill(warm._process.pid, signal.SIGSTOP)
+else:
+    thread = threading.Thread(target=begin)
+    thread.start()
+    thread.join()
+sim.suspend()
+print(warm._process.pid, sim.pid, stubborn.pid, flush=True)
+time.sleep(1000.0)
+"""
+
+STUBBORN = """
+import signal, time
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    print("ready", flush=True)
+    time.sleep(1000.0)
+"""
+
+
+@pytest.mark.parametrize("start", ["warm"], indirect=True)
+@pytest.mark.parametrize(
+    ("begun_by", "killed"),
+    [("main thread", "run"), ("another thread", "run"), ("another thread", "server")],
+)
+@pytest.mark.usefixtures("start")
+def test_a_run_that_is_killed_leaves_nothing_behind(
+    tmp_path: Path, begun_by: str, killed: str
+) -> None:
+    """Neither what is stopped, nor what ignores signals; the same where SIGTERM ends what forks."""
+    (tmp_path / "stubborn.py").write_text(STUBBORN)
+    (tmp_path / "run.py").write_text(RUN)
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "run.py", begun_by],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+    ) as run:
+        assert run.stdout is not None
+        pids = [int(pid) for pid in run.stdout.readline().split()]
+        try:
+            assert len(pids) == 3
+            if killed == "run":
+                run.kill()
+            else:
+                os.kill(pids[0], signal.SIGTERM)
+            for pid in pids:
+                eventually(lambda pid=pid: not is_there(pid), f"{pid} of {pids} has ended")
+        finally:
+            run.kill()
+            for pid in filter(is_there, pids):
+                os.kill(pid, signal.SIGKILL)
+
+
+def is_there(pid: int) -> bool:
+    """Return whether a process runs or is stopped; one that has ended may still wait to be reaped."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][0] not in "ZX"
+    except OSError:
+        return False
 
 
 TOLD = """
