@@ -10,7 +10,7 @@ settings = { host = "192.168.1.10", model = "ur5e" }
 plugin = "ati-netft"
 on = "arm"
 tool = { mass = 0.482, center_of_mass = [0.0, 0.0, 0.06] }
-settings = { host = "192.168.1.20" }
+settings = { host = "192.168.1.1" }
 
 [programs.teleop]
 command = ["python", "teleop.py"]
