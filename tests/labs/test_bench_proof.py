@@ -436,6 +436,12 @@ def test_what_fails_of_times_because_programs_waited_is_open() -> None:
     assert "waited for a processor for 30 % of the time" in found.reason
 
 
+def test_a_busy_machine_is_named_once() -> None:
+    doubts = ("the machine is too busy: late", "few samples", "the machine is too busy: waited")
+    found = Findings(doubts=(*doubts, doubts[0], doubts[1]))
+    assert found.reason == "the machine is too busy: late; waited; few samples"
+
+
 def followed(rate: float, ripple: float) -> Trace:
     """Return a sine of 1 Hz of one joint, its velocities 4 % too large, in steps with a slow stream."""
     begin, rows = 10**18, []

@@ -197,11 +197,11 @@ def _moving(trace: Trace, frequency: float) -> list[int]:
     ]
 
 
-def _disturbed(trace: Trace, subject: Subject) -> tuple[str, ...]:
-    """Return why nothing can be said of times: the bench was late, or samples stayed away."""
+def _disturbed(trace: Trace, subject: Subject, allowed: float = BUSY) -> tuple[str, ...]:
+    """Return why times are not judged: the bench was later than `allowed` s, or samples stayed away."""
     parts = [trace.joints.between(*_judged(trace, each)) for each in trace.notes["frequencies"]]
     gaps = (doubt for part in parts for doubt in subject.gaps(part.stamp))
-    return (*subject.too_busy(BUSY), *tuple(gaps)[:1])
+    return (*subject.too_busy(allowed), *tuple(gaps)[:1])
 
 
 def _bode(trace: Trace, subject: Subject) -> Findings:
@@ -372,8 +372,7 @@ def _effective_rate(trace: Trace, subject: Subject) -> Findings:
             ),
         ),
         doubts=(
-            *_disturbed(trace, subject),
-            *subject.too_busy(BUSY_ECHO),
+            *_disturbed(trace, subject, BUSY_ECHO),
             *subject.uneven(trace.joints.stamp),
         ),
     )

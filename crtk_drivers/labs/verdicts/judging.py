@@ -249,8 +249,17 @@ class Findings:
         if self.violations:
             return "; ".join(self.violations)
         if self.doubts:
-            return "; ".join(self.doubts)
+            return _joined(self.doubts)
         return "; ".join(one.told for one in self.measurements if one.verdict is verdict)
+
+
+def _joined(doubts: Iterable[str]) -> str:
+    """Return doubts in a row, each once; those that begin alike, up to a colon, share that beginning."""
+    groups: dict[str, dict[str, None]] = {}
+    for doubt in doubts:
+        head, colon, rest = doubt.partition(": ")
+        groups.setdefault(head + colon, {})[rest] = None
+    return "; ".join(head + "; ".join(rests) for head, rests in groups.items())
 
 
 def verdict_of(verdicts: Iterable[Verdict]) -> Verdict:
