@@ -85,6 +85,7 @@ def run(
             ) from error
     enough = history.ENOUGH if against == "all" else 1
     found, trouble = finish(found, folder, earlier, enough)
+    _print_skipped(found)
     _tell(found, folder)
     if trouble:
         logger.error("%s", trouble)
@@ -247,21 +248,37 @@ def _tell(found: Run, folder: Path) -> None:
         OUT.print(f"Report: {path}", soft_wrap=True)
 
 
+def _print_skipped(found: Run) -> None:
+    """Print in a line which tests were skipped, and why: none of them was shown while the bench ran."""
+    if skipped := "; ".join(
+        f"{name} {', '.join(tests)}" + (f" ({reason})" if reason else "")
+        for (name, reason), tests in _skipped(found).items()
+    ):
+        OUT.print(Text(f"skipped: {skipped}", "dim"), soft_wrap=True)
+
+
+def _skipped(found: Run) -> dict[tuple[str, str], list[str]]:
+    """Return the skipped tests, as `M7 effective rate`, by their device and their reason."""
+    skipped: dict[tuple[str, str], list[str]] = {}
+    for device, test in found.tests:
+        if test.verdict is Verdict.SKIPPED:
+            tests = skipped.setdefault((device.name, test.reason), [])
+            tests.append(f"{test.id} {test.name}")
+    return skipped
+
+
 def _verdicts(found: Run) -> Table:
     table = Table(box=None, pad_edge=False)
     for column in ("device", "test", "", "verdict", ""):
         table.add_column(column, overflow="fold")
-    skipped: dict[tuple[str, str], list[str]] = {}
     for device, test in found.tests:
         if test.verdict is Verdict.SKIPPED:
-            titles = skipped.setdefault((device.name, test.reason), [])
-            titles.append(f"{test.id} {test.name}")
             continue
         told = test.reason or "; ".join(measured.told for measured in test.measurements)
         table.add_row(
             device.name, test.id, test.name, Text(test.verdict, STYLES[test.verdict]), told
         )
-    for (name, reason), tests in skipped.items():
+    for (name, reason), tests in _skipped(found).items():
         verdict = Text(Verdict.SKIPPED, STYLES[Verdict.SKIPPED])
         table.add_row(name, "", "", verdict, f"{', '.join(tests)}: {reason}")
     return table

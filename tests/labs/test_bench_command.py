@@ -72,6 +72,15 @@ def test_a_verdict_has_its_tests_name_and_whole_reason(
         assert len(text.splitlines()) == 1
 
 
+def test_skipped_tests_are_named_with_their_reason(command: Command) -> None:
+    """Once: neither as they are skipped, nor in the table of `show` a second time."""
+    found = command("bench", "lab.toml", "--only", "S8,F2", "--out", "run")
+    lines = [line for line in found.stdout.splitlines() if line.startswith("skipped: ")]
+    assert len(lines) == 1, found.stdout
+    assert lines[0] == "skipped: gantry F2 bias (the device does not offer bias)"
+    assert command("bench", "show", "run").stdout.count("F2 ") == 1
+
+
 def test_ctrl_z_ends_a_run_that_may_move_hardware(tmp_path: Path) -> None:
     with SIM.spawn() as sim:
         ports = ", ".join(f"{name}_port = {sim.ports[name]}" for name in ("rdt", "tcp", "http"))
