@@ -226,12 +226,13 @@ def _here(device: RemoteDevice, kind: str) -> Any:
 
 def _joint_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degrees: bool) -> Goal:
     here: JointState = _here(device, "js")
-    names = here.name or tuple(str(index + 1) for index in range(here.position.size))
+    # Another maker's names may be missing or empty; its joints are numbered then.
+    given = here.name or ("",) * here.position.size
+    names = tuple(name or str(index) for index, name in enumerate(given, 1))
     typed = _Typed(device, here, names, relative, degrees)
-    given = typed.by_name(values) if _names_joints(values, names) else typed.in_order(values)
+    chosen = typed.by_name(values) if _names_joints(values, names) else typed.in_order(values)
     goal = np.array(here.position)
-    for name, value in given.items():
-        index = names.index(name)
+    for index, value in chosen.items():
         value = float(np.radians(value)) if degrees else value
         goal[index] = goal[index] + value if relative else value
 
@@ -267,8 +268,8 @@ class _Typed:
     relative: bool
     degrees: bool
 
-    def in_order(self, values: Sequence[str]) -> dict[str, float]:
-        """Return one value for each joint, in their order."""
+    def in_order(self, values: Sequence[str]) -> dict[int, float]:
+        """Return one value for each joint, by its index: names may be repeated."""
         for index, text in enumerate(values):
             if _number(text) is None:
                 joint = self.names[index] if len(values) == len(self.names) else ""
@@ -277,11 +278,11 @@ class _Typed:
         if len(values) != len(self.names):
             count = f"{len(values)} value{'' if len(values) == 1 else 's'}"
             raise self._wrong(f"{count} for {len(self.names)} joints", "")
-        return dict(zip(self.names, map(float, values), strict=True))
+        return dict(enumerate(map(float, values)))
 
-    def by_name(self, values: Sequence[str]) -> dict[str, float]:
-        """Return the values of the joints that are named."""
-        found = {}
+    def by_name(self, values: Sequence[str]) -> dict[int, float]:
+        """Return the values of the joints that are named, by index."""
+        found: dict[int, float] = {}
         for text in values:
             name, equals, value = text.partition("=")
             number = _number(value)
@@ -289,11 +290,16 @@ class _Typed:
                 raise self._wrong(f"{text} is for no joint: some joints were named", "")
             if name not in self.names:
                 raise self._no_joint(name)
+            if self.names.count(name) > 1:
+                raise self._wrong(f"{self.names.count(name)} joints have this name", name)
             if not equals or not value:
                 raise self._wrong("has no value", name, name)
             if number is None:
                 raise self._wrong(f"{value!r} is not a number", name, name)
-            found[name] = number
+            index = self.names.index(name)
+            if index in found:
+                raise self._wrong("was given twice", name, name)
+            found[index] = number
         return found
 
     def _no_joint(self, name: str) -> ConfigError:
@@ -309,13 +315,20 @@ class _Typed:
         """Return what is wrong, with the joints, and an example for this joint, a near one, or the last."""
         meant = near_names(near, self.names) if near else []
         hint = f"Did you mean {meant[0]}? " if meant else ""
-        example = self._example(joint or (meant[0] if meant else self.names[-1]))
         return ConfigError(
             what,
             where=f"{self.device.namespace} {at}".rstrip(),
-            remedy=f"{hint}Give one number for each of {', '.join(self.names)}; or joint=number for some: "
-            f"{example}.",
+            remedy=f"{hint}Give one number for each of {', '.join(self.names)}"
+            f"{self._by_name(joint or next(iter(meant), ''))}.",
         )
+
+    def _by_name(self, joint: str) -> str:
+        """Return how to give a joint by its name, or another one; empty if no name is of one joint alone."""
+        unique = [name for name in self.names if self.names.count(name) == 1]
+        if not unique:
+            return ""
+        example = self._example(joint if joint in unique else unique[-1])
+        return f"; or joint=number for some: {example}"
 
     def _example(self, joint: str) -> str:
         """Return the command for a joint that goes to where it is, or 0.01 rad or m (1 degree) further."""
