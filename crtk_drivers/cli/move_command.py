@@ -94,7 +94,9 @@ def move(
 
 
 @contextmanager
-def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[], bool]]:
+def _at_speed(
+    device: RemoteDevice, speed: float | None, heed: Callable[[], None]
+) -> Iterator[Callable[[], bool]]:
     """Set the share of the device's limits for moves within the block, and put the old shares back after it.
 
     The share and the goal go over two topics, and the goal may come first. So the block begins once the
@@ -105,6 +107,7 @@ def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[]
     Args:
         device: that moves.
         speed: the share; None: leave it as it is.
+        heed: raises `Interrupted` if a signal came and its exception was lost.
 
     Yields:
         A function that returns whether the device still has our share.
@@ -144,6 +147,7 @@ def _at_speed(device: RemoteDevice, speed: float | None) -> Iterator[Callable[[]
         ratios.set_ratio(speed)
         deadline = time.monotonic() + START_TIMEOUT
         while not is_ours():
+            heed()
             if time.monotonic() > deadline:
                 raise DataTimeout(
                     f"did not report within {START_TIMEOUT:g} s that moves take {speed:g} of its speed",
@@ -168,9 +172,10 @@ def _go(device: RemoteDevice, goal: Goal, speed: float | None) -> None:
     with (
         ERR.status(f"{goal.command} ...") as shown,
         held_when_interrupted(device) as heed,
-        _at_speed(device, speed) as is_at_speed,
+        _at_speed(device, speed, heed) as is_at_speed,
     ):
         began = time.monotonic()
+        heed()  # a signal may have been lost in rclpy while the share was set
         handle: Move = getattr(device, goal.command)(goal.value)
         is_seen = False
         while not handle.wait(LOOK_PERIOD if is_seen else POLL):

@@ -371,12 +371,41 @@ def test_shares_of_speed_are_put_back_whenever_a_signal_comes(
 ) -> None:
     monkeypatch.setattr(move_command, "need", lambda device, name: None)
     device: Any = Shares(0)
-    with suppress(Interrupted, ValueError), move_command._at_speed(device, 0.1):
+    with suppress(Interrupted, ValueError), move_command._at_speed(device, 0.1, lambda: None):
         assert (device.velocity, device.acceleration) == (0.1, 0.1)
         device.left = signal_at
         if ends == "by an error":
             raise ValueError
     assert (device.velocity, device.acceleration) == (1.0, 0.5)
+
+
+@pytest.mark.parametrize("lost_in", ["set_ratio", "ratio_v"])
+def test_a_signal_that_is_lost_while_the_share_is_set_sends_no_goal(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch, lost_in: str
+) -> None:
+    """rclpy swallows an exception that is raised while it makes a message."""
+    far.arm.enable()
+    far.arm.add("trajectory_j/set_ratio", "trajectory_j/ratio_v")
+    ratios, came = far.arm.trajectory_j, []
+    original, submit = getattr(ratios, lost_in), far.engine.submit
+
+    def losing(*values: float) -> Any:
+        if signal.getsignal(signal.SIGTERM) not in (signal.SIG_IGN, signal.SIG_DFL):
+            with suppress(Interrupted):
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(0.01)
+        return original(*values)
+
+    def heard(name: str, *rest: Any, **more: Any) -> Any:
+        came.append(name)
+        return submit(name, *rest, **more)
+
+    monkeypatch.setattr(far.engine, "submit", heard)
+    monkeypatch.setattr(Kept, "trajectory_j", ratios, raising=False)
+    monkeypatch.setattr(ratios, lost_in, losing)
+    code, _, err = run("move", NAMESPACE, "--speed", "0.1", "0.5", "0", "0", "0")
+    assert code == 130, err
+    assert "move_jp" not in came
 
 
 def test_a_share_of_speed_that_is_not_taken_moves_nothing(
