@@ -132,6 +132,18 @@ def _at_speed(
         if before[1] != before[0]:
             ratios.set_ratio_a(before[1])
 
+    @contextmanager
+    def reported() -> Iterator[None]:
+        """Print an error: the interrupt goes on, and what follows it."""
+        try:
+            yield
+        except CrtkError as error:
+            ERR.print(
+                f"[yellow]warning:[/] {plain(device.namespace)}: the share of its speed was not put back "
+                f"to {before[0]:g}: {plain(error.statement)}",
+                soft_wrap=True,
+            )
+
     def put_back() -> None:
         is_due = True
         try:
@@ -140,7 +152,8 @@ def _at_speed(
                 restore()
         except Interrupted:  # halfway, perhaps; no signal comes after this one
             if is_due:
-                restore()
+                with reported():
+                    restore()
             raise
 
     try:
@@ -158,7 +171,8 @@ def _at_speed(
         yield is_ours
     except Interrupted:
         device.hold()  # before anything else
-        put_back()
+        with reported():
+            put_back()
         raise
     except BaseException:
         with suppress(CrtkError):  # what went wrong first is told

@@ -35,7 +35,7 @@ from crtk_drivers.client import RemoteDevice, move_handle
 from crtk_drivers.client.survey import reported
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Condition, Reading, Service, Steps
-from crtk_drivers.errors import CommandRefused, DeviceFault
+from crtk_drivers.errors import CommandRefused, DeviceFault, Reason
 from crtk_drivers.front import base
 from crtk_drivers.samples import Number, Pose
 from crtk_drivers.state import OperatingState
@@ -337,6 +337,10 @@ class Shares:
     def __init__(self, signal_at: int) -> None:
         self.velocity, self.acceleration = 1.0, 0.5
         self.left = signal_at
+        self.namespace, self.holds = "/shares", 0
+
+    def hold(self) -> None:
+        self.holds += 1
 
     @property
     def trajectory_j(self) -> Shares:
@@ -377,6 +381,32 @@ def test_shares_of_speed_are_put_back_whenever_a_signal_comes(
         if ends == "by an error":
             raise ValueError
     assert (device.velocity, device.acceleration) == (1.0, 0.5)
+
+
+@pytest.mark.parametrize("signal_at", [0, 2])
+def test_an_interrupt_stays_one_where_the_share_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], signal_at: int
+) -> None:
+    """It comes within, or while the share is put back."""
+    monkeypatch.setattr(move_command, "need", lambda device, name: None)
+    device: Any = Shares(0)
+
+    def refuse(value: float) -> None:
+        raise CommandRefused("set_ratio", Reason.NOT_ENABLED, "it is busy")
+
+    def end() -> None:
+        with move_command._at_speed(device, 0.1, lambda: None):
+            monkeypatch.setattr(device, "set_ratio", refuse)
+            device.left = signal_at
+            if not signal_at:
+                raise Interrupted
+
+    with pytest.raises(Interrupted):
+        end()
+    assert device.holds == (not signal_at)  # at the end of a move it is for the caller to hold
+    told = " ".join(capsys.readouterr().err.split())
+    assert "/shares: the share of its speed was not put back to 1: " in told
+    assert "it is busy" in told
 
 
 @pytest.mark.parametrize("lost_in", ["set_ratio", "ratio_v"])
