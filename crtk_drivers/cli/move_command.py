@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -32,6 +33,8 @@ from crtk_drivers.state import OperatingState
 LOOK_PERIOD = 0.1
 POLL = 0.01
 _RATIOS = "trajectory_j"
+_STEPS = {"degrees": 1.0, "Pa": 1000.0}
+"""By unit, how far an example goes; 0.01 rad or m otherwise."""
 
 
 @dataclass(frozen=True)
@@ -245,6 +248,12 @@ def _here(device: RemoteDevice, kind: str) -> Any:
 
 def _joint_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degrees: bool) -> Goal:
     here: JointState = _here(device, "js")
+    if not here.position.size:
+        raise ConfigError(
+            "reports no joint positions",
+            where=device.namespace,
+            remedy=f"Is that its driver's setup? See: crtk-driver echo {device.namespace} measured_js",
+        )
     # Another maker's names may be missing or empty; its joints are numbered then.
     given = here.name or ("",) * here.position.size
     names = tuple(name or str(index) for index, name in enumerate(given, 1))
@@ -297,20 +306,25 @@ class _Typed:
         if len(values) != len(self.names):
             count = f"{len(values)} value{'' if len(values) == 1 else 's'}"
             raise self._wrong(f"{count} for {len(self.names)} joints", "")
+        for joint in self.names:
+            self._require_angle(joint)
         return dict(enumerate(map(float, values)))
 
     def by_name(self, values: Sequence[str]) -> dict[int, float]:
         """Return the values of the joints that are named, by index."""
         found: dict[int, float] = {}
-        for text in values:
+        for place, text in enumerate(values, 1):
             name, equals, value = text.partition("=")
             number = _number(value)
+            if equals and not name:
+                raise self._wrong(f"{text!r} names no joint", f"value {place}")
             if not equals and _number(text) is not None:
                 raise self._wrong(f"{text} is for no joint: some joints were named", "")
             if name not in self.names:
                 raise self._no_joint(name)
             if self.names.count(name) > 1:
                 raise self._wrong(f"{self.names.count(name)} joints have this name", name)
+            self._require_angle(name)
             if not equals or not value:
                 raise self._wrong("has no value", name, name)
             if number is None:
@@ -324,9 +338,18 @@ class _Typed:
     def _no_joint(self, name: str) -> ConfigError:
         if not _is_part(self.device, name):
             return self._wrong("no such joint", name, near=name)
+        where = f"{self.device.namespace} {name}"
+        with suppress(CrtkError):  # it may not have been found yet
+            offered = self.device.child(name).crtk_commands
+            if "move_jp" not in offered:
+                return ConfigError(
+                    "is a part of the device, and takes no joint values",
+                    where=where,
+                    remedy=f"It offers: {', '.join(offered) or 'nothing'}.",
+                )
         return ConfigError(
             "is a part of the device, not one of its joints",
-            where=f"{self.device.namespace} {name}",
+            where=where,
             remedy=f"crtk-driver move {self.device.namespace} --child {name} {name}=...",
         )
 
@@ -337,33 +360,84 @@ class _Typed:
         return ConfigError(
             what,
             where=f"{self.device.namespace} {at}".rstrip(),
-            remedy=f"{hint}Give one number for each of {', '.join(self.names)}"
-            f"{self._by_name(joint or next(iter(meant), ''))}.",
+            remedy=f"{hint}{self._how(joint or next(iter(meant), ''))}.",
         )
 
-    def _by_name(self, joint: str) -> str:
-        """Return how to give a joint by its name, or another one; empty if no name is of one joint alone."""
-        unique = [name for name in self.names if self.names.count(name) == 1]
-        if not unique:
-            return ""
-        example = self._example(joint if joint in unique else unique[-1])
-        return f"; or joint=number for some: {example}"
+    def _how(self, joint: str) -> str:
+        """Return how to give values, with an example for a joint, or for the last that can be named."""
+        named = [name for name in self.names if self.names.count(name) == 1 and self._takes(name)]
+        ways = []
+        if all(map(self._takes, self.names)):
+            ways.append(f"one number for each of {', '.join(self.names)}")
+        if named:
+            example = self.example(joint if joint in named else named[-1])
+            ways.append(f"joint=number for some{example and f': {example}'}")
+        if ways:
+            return f"Give {'; or '.join(ways)}"
+        return f"Leave --degrees out{self._without_degrees(joint)}"
 
-    def _example(self, joint: str) -> str:
-        """Return the command for a joint that goes to where it is, or 0.01 rad or m (1 degree) further."""
-        value = float(self.here.position[self.names.index(joint)])
-        options = "--relative " if self.relative else ""
-        if self.degrees:
-            options, value = f"{options}--degrees ", float(np.degrees(value))
-        if self.relative:
-            value = 1.0 if self.degrees else 0.01
-        else:
-            value = round(value, 1 if self.degrees else 3) + 0.0  # no -0
+    def _takes(self, joint: str) -> bool:
+        return not self.degrees or "rad" in joint_unit(self.device, joint)
+
+    def _require_angle(self, joint: str) -> None:
+        if self._takes(joint):
+            return
+        raise ConfigError(
+            f"--degrees is for angles, and this joint is in {joint_unit(self.device, joint)}",
+            where=f"{self.device.namespace} {joint}",
+            remedy=f"Leave --degrees out{self._without_degrees(joint)}.",
+        )
+
+    def _without_degrees(self, joint: str) -> str:
+        if self.names.count(joint) != 1:
+            return ""
+        example = replace(self, degrees=False).example(joint)
+        return example and f": {example}"
+
+    def example(self, joint: str) -> str:
+        """Return the command for a joint that stays where it is, or goes a bit further; empty if unknown.
+
+        It stays within the limits of the joint, also where those of what is typed are rounded.
+        """
+        place = float(self.here.position[self.names.index(joint)])
+        if not math.isfinite(place):
+            return ""
+        lower, upper = self._limits(joint)
         unit = "degrees" if self.degrees else joint_unit(self.device, joint)
+        if self.relative:
+            step = _STEPS.get(unit, 0.01)
+            if place + self._in_si(step) > upper and place - lower > upper - place:
+                step = -step
+            value = self._rounded(step, lower - place, upper - place)
+        else:
+            typed = float(np.degrees(place)) if self.degrees else place
+            value = self._rounded(typed, lower, upper)
+        options = f"{'--relative ' if self.relative else ''}{'--degrees ' if self.degrees else ''}"
         where = "further" if self.relative else "where it is"
         return (
-            f"crtk-driver move {self.device.namespace} {options}{joint}={value:g} ({unit}, {where})"
+            f"crtk-driver move {self.device.namespace} {options}{joint}={value} ({unit}, {where})"
         )
+
+    def _limits(self, joint: str) -> tuple[float, float]:
+        for each in self.device.manifest.get("joints", ()):
+            if each["name"] == joint:
+                lower, upper = each.get("lower"), each.get("upper")
+                return -math.inf if lower is None else lower, math.inf if upper is None else upper
+        return -math.inf, math.inf
+
+    def _in_si(self, value: float) -> float:
+        return float(np.radians(value)) if self.degrees else value
+
+    def _rounded(self, value: float, lower: float, upper: float) -> str:
+        """Return a value as it is typed, rounded to what lies within limits; these are in rad, m or Pa."""
+        if not lower <= self._in_si(value) <= upper:
+            value = min(max(self._in_si(value), lower), upper)
+            value = float(np.degrees(value)) if self.degrees else value
+        scale = 10.0 if self.degrees else 1000.0
+        for rounded in (round(value * scale), math.floor(value * scale), math.ceil(value * scale)):
+            if lower <= self._in_si(rounded / scale) <= upper:
+                return f"{rounded / scale:.12g}"
+        return f"{value!r}"  # a range narrower than a step of rounding
 
 
 def _is_part(device: RemoteDevice, name: str) -> bool:

@@ -108,3 +108,74 @@ def test_a_name_must_be_of_one_joint_and_given_once() -> None:
     assert "a: was given twice" in refusal(Still(["a", "b"], [0.0, 0.0]), "a=0.1", "a=0.5")
     assert goal(Still(["", ""], [0.0, 0.0]), "2=0.5") == [0.0, 0.5]
     assert goal(Still(["a", "a", "b"], [0.0] * 3), "b=0.5") == [0.0, 0.0, 0.5]
+
+
+def gripper(place: float, *, unit: str = "m", **limits: float) -> Still:
+    joint = {"unit": unit, "lower": 0.0, "upper": 0.085, **limits}
+    return Still(["opening"], [place], opening=joint)
+
+
+@pytest.mark.parametrize(
+    ("device", "options", "example"),
+    [
+        (gripper(0.085), {"relative": True}, "--relative opening=-0.01 (m, further)"),
+        (gripper(0.0), {"relative": True}, "--relative opening=0.01 (m, further)"),
+        (
+            gripper(0.003, upper=0.0077),
+            {"relative": True},
+            "--relative opening=0.004 (m, further)",
+        ),
+        (gripper(0.0846, upper=0.0846), {}, "opening=0.084 (m, where it is)"),
+        (gripper(0.0861), {}, "opening=0.085 (m, where it is)"),
+        (gripper(1.5708, unit="rad", upper=1.5708), {}, "opening=1.57 (rad, where it is)"),
+        (
+            gripper(1.5708, unit="rad", upper=1.5708),
+            {"relative": True, "degrees": True},
+            "--relative --degrees opening=-1 (degrees, further)",
+        ),
+        (
+            gripper(0.0199, unit="rad", upper=0.0199),
+            {"degrees": True},
+            "--degrees opening=1.1 (degrees, where it is)",
+        ),
+        (
+            gripper(0.04),
+            {"degrees": True},
+            "Leave --degrees out: crtk-driver move /still opening=0.04 (m",
+        ),
+        (gripper(4e4, unit="Pa", upper=1e5), {"degrees": True}, "and this joint is in Pa"),
+    ],
+)
+def test_a_proposed_example_is_within_the_limits(
+    device: Still, options: dict[str, bool], example: str
+) -> None:
+    told = refusal(device, "opening", **options)
+    assert example in told
+    proposed = next((each for each in told.split() if each.startswith("opening=")), "")
+    options = {key: f"--{key}" in example.replace("Leave --degrees", "") for key in options}
+    limits: dict[str, float] = device.manifest["joints"][0]
+    assert limits["lower"] <= goal(device, proposed, **options)[0] <= limits["upper"]
+
+
+def test_no_example_is_made_of_a_place_that_is_not_finite() -> None:
+    told = refusal(Still(["a"], [np.nan]), "a")
+    assert (
+        told == "/still a: has no value. Give one number for each of a; or joint=number for some."
+    )
+
+
+def test_degrees_of_what_is_no_angle_are_not_sent() -> None:
+    told = refusal(gripper(0.04), "1", degrees=True)
+    assert "/still opening: --degrees is for angles, and this joint is in m" in told
+    assert np.allclose(goal(gripper(0.0, unit="rad"), "1", degrees=True), np.radians(1.0))
+    assert np.allclose(goal(Still(["a"], [0.0]), "1", degrees=True), np.radians(1.0))
+
+
+@pytest.mark.parametrize("text", ["=0.1", "="])
+def test_an_empty_name_is_refused(text: str) -> None:
+    assert f"value 1: {text!r} names no joint" in refusal(Still(["a"], [0.0]), text)
+
+
+@pytest.mark.parametrize("text", ["0.1", "a=0.1", "a"])
+def test_a_device_without_joints_is_refused(text: str) -> None:
+    assert "/still: reports no joint positions" in refusal(Still([], []), text)
