@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from crtk_drivers.cli.reaching import Interrupted, held_when_interrupted, need
-from crtk_drivers.cli.state_view import NEXT, joint_unit, print_position
+from crtk_drivers.cli.state_view import NEXT, joint_unit, joint_units, print_position
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.move_handle import START_TIMEOUT
@@ -85,12 +85,14 @@ def move(
     except CommandRefused as refusal:
         if refusal.reason is not Reason.OUT_OF_RANGE or pose or degrees:
             raise
+        units = joint_units(device)
+        degrees_too = "; --degrees takes degrees" if "rad" in units else ""
         raise CommandRefused(
             refusal.command,
             refusal.reason,
             refusal.detail,
             where=refusal.where,
-            remedy=f"{refusal.remedy} Values are in rad or m; --degrees takes degrees.",
+            remedy=f"{refusal.remedy} Values are in {' or '.join(units)}{degrees_too}.",
         ) from refusal
     print_position(device)
     return 0
@@ -266,10 +268,11 @@ def _joint_goal(device: RemoteDevice, values: Sequence[str], relative: bool, deg
 
     def to_go() -> str:
         try:
-            left = float(np.max(np.abs(goal - device.measured_js().position)))
+            left = np.abs(goal - device.measured_js().position)
         except CrtkError:
             return "position unknown"
-        return f"{left:.3f} rad or m to go"
+        farthest = int(np.argmax(left))
+        return f"{left[farthest]:.3f} {joint_unit(device, names[farthest])} to go"
 
     return Goal("move_jp", goal, to_go)
 

@@ -157,7 +157,7 @@ def _print_joints(device: RemoteDevice, offered: Mapping[str, Any]) -> None:
     setpoint = _setpoint(device) if "setpoint_js" in offered else None
     table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
     table.add_column("joint", overflow="fold")
-    for heading in ("measured (rad, m)", "setpoint", "range"):
+    for heading in (f"measured ({', '.join(joint_units(device))})", "setpoint", "range"):
         table.add_column(heading, justify="right", overflow="fold")
     for index, position in enumerate(measured.position.tolist()):
         name = measured.name[index] if measured.name else str(index + 1)
@@ -175,6 +175,15 @@ def joint_unit(device: RemoteDevice, joint: str) -> str:
     """Return the unit of a joint's position, as far as the device says it: ``rad``, ``m``, or both."""
     units = {each["name"]: each.get("unit") for each in device.manifest.get("joints", ())}
     return units.get(joint) or "rad or m"
+
+
+def joint_units(device: RemoteDevice) -> list[str]:
+    """Return the units of the joints' positions that occur; both ``rad`` and ``m`` where one is not known."""
+    told = {each.get("unit") for each in device.manifest.get("joints", ())} or {None}
+    if not all(told):
+        told |= {"rad", "m"}
+    found = [unit for unit in told if unit]
+    return sorted(found, key=lambda unit: (unit != "rad", unit))
 
 
 def _bound(value: float | None) -> str:

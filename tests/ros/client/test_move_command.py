@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Empty
 
 from crtk_drivers.cli import move_command
+from crtk_drivers.cli.state_view import print_position
 from crtk_drivers.client import move_handle
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.samples import JointState, vector
@@ -179,3 +180,25 @@ def test_an_empty_name_is_refused(text: str) -> None:
 @pytest.mark.parametrize("text", ["0.1", "a=0.1", "a"])
 def test_a_device_without_joints_is_refused(text: str) -> None:
     assert "/still: reports no joint positions" in refusal(Still([], []), text)
+
+
+@pytest.mark.parametrize(
+    ("units", "to_go", "heading"),
+    [
+        (["Pa"], "0.300 Pa to go", "measured (Pa)"),
+        (["rad", "m"], "0.300 m to go", "measured (rad, m)"),
+        (["rad", ""], "0.300 rad or m to go", "measured (rad, m)"),
+    ],
+)
+def test_units_are_those_of_the_joints(
+    capfd: pytest.CaptureFixture[str], units: list[str], to_go: str, heading: str
+) -> None:
+    names = ["a", "b"][: len(units)]
+    joints = {
+        n: {"unit": u, "lower": None, "upper": None} for n, u in zip(names, units, strict=True)
+    }
+    device: Any = Still(names, [0.0] * len(units), **joints)
+    found = move_command._joint_goal(device, [f"{names[-1]}=0.3"], False, False)
+    assert found.to_go() == to_go
+    print_position(device)
+    assert heading in capfd.readouterr().out
