@@ -139,8 +139,9 @@ def held_when_interrupted(device: RemoteDevice) -> Iterator[Callable[[], None]]:
         except Interrupted:
             device.hold()
             stands = is_seen_to_stand(device, STOP_TIMEOUT)
-            how = "and stands" if stands else f"and was not seen to stand in {STOP_TIMEOUT:g} s"
-            ERR.print(f"[yellow]interrupted:[/] {plain(device.namespace)} was told to hold, {how}")
+            how = "stands still" if stands else f"was not seen to stand in {STOP_TIMEOUT:g} s"
+            name = plain(device.namespace)
+            ERR.print(f"[yellow]interrupted:[/] hold was sent to {name}, and it {how}")
             raise typer.Exit(INTERRUPTED) from None
 
 

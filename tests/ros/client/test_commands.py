@@ -326,7 +326,7 @@ def test_an_interrupted_slow_move_holds_and_puts_the_speed_back(far: Far, run: R
     code, _, err = run("move", NAMESPACE, "--speed", "0.1", "0.5", "0", "0", "0")
     thread.join()
     assert code == 130
-    assert "was told to hold, and stands" in err
+    assert "hold was sent to /client_commands, and it stands still" in err
     ratios = far.arm.trajectory_j
     eventually(lambda: (ratios.ratio_v(), ratios.ratio_a()) == (1.0, 1.0), "it is as before")
 
@@ -542,7 +542,7 @@ def test_an_interrupt_holds_the_arm(far: Far, run: Run) -> None:
         code, _, err = run("move", NAMESPACE, "0.95", "0", "0", "0")
     thread.join()
     assert code == 130
-    assert "was told to hold, and stands" in err
+    assert "hold was sent to /client_commands, and it stands still" in err
     assert far.engine.status.state is OperatingState.ENABLED
     assert 0.01 < far.arm.setpoint_jp()[0] < 0.9
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
