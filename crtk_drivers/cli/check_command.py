@@ -37,7 +37,7 @@ MEASURING_TIME = 1.0
 
 RATE_TOLERANCE = 0.02
 LATE_SHARE = 0.005
-_RESETS = "`enable` resets this, as far as is known. Look for the cause first."
+_CAUSE_FIRST = "Remove the cause; then `enable` resets it."
 _SETTLING_TIME = 0.3
 _POLL = 0.02
 
@@ -158,14 +158,12 @@ def _check_connection(session: Session, started: float) -> Finding:
 def _check_state(engine: Engine) -> Iterator[Finding]:
     status = engine.status
     detail = f": {status.detail}" if status.detail else ""
-    verdict, remedy = Verdict.OK, ""
-    if status.state is OperatingState.PAUSED:
-        verdict = Verdict.WARNING
-    elif status.state is OperatingState.FAULT:
-        # What `enable` resets is no obstacle, see `Device.obstacles`.
-        is_reset = not engine.device.obstacles
-        verdict = Verdict.WARNING if is_reset else Verdict.FAILED
-        remedy = _RESETS if is_reset else ""
+    verdict = {
+        OperatingState.FAULT: Verdict.FAILED,  # whether `enable` resets it, only trying shows
+        OperatingState.PAUSED: Verdict.WARNING,
+    }.get(status.state, Verdict.OK)
+    # The detail ends with the device's own remedy, if there is one.
+    remedy = _CAUSE_FIRST if verdict is Verdict.FAILED and not status.remedy else ""
     yield Finding("operating state", verdict, f"{status.state}{detail}", remedy)
     health = engine.health()
     if health.device:

@@ -257,3 +257,17 @@ def test_no_figure_is_told_before_it_is_known(capsys: pytest.CaptureFixture[str]
     told = capsys.readouterr().out
     assert "replies" in told
     assert "nan" not in told.lower()
+
+
+def test_check_fails_on_a_servo_error_that_a_restart_may_leave(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with SIM.spawn(servos="arm6", timing="none") as sim:
+        sim.control.inject("overheat", id=5, temperature=95.0)
+        (path,) = sim.ttys.values()
+        given = ["--set", "arm=arm6", "--set", f"buses.main.port={path}"]
+        assert main(["check", "dynamixel", *given, "--sample-timeout", "10"]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"operating state failed FAULT: .*overheating", text)
+    assert "Remove the cause" in text
+    assert "not ready: 1 of" in text

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from crtk_drivers.cli import main
+from crtk_drivers.cli import check_command, main
+from crtk_drivers.cli.check_command import Finding
+from crtk_drivers.engine import Engine
 from crtk_sim_backends.ur import SIM
+from rigs.waiting import eventually
 
 PATIENT = ["--sample-timeout", "10", "--open-timeout", "60"]
 """A busy machine is no fault."""
@@ -74,16 +77,29 @@ def test_check_says_it_once_where_the_state_is_fault(capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.parametrize("unlocks", [True, False])
-def test_a_fault_that_enable_resets_is_a_warning(
-    capsys: pytest.CaptureFixture[str], unlocks: bool
-) -> None:
+def test_a_fault_is_not_ready(capsys: pytest.CaptureFixture[str], unlocks: bool) -> None:
     with SIM.spawn() as sim:
         sim.control.inject("protective_stop")
         setting = ["--set", f"enable_unlocks={str(unlocks).lower()}"]
-        assert main(["check", "ur", "--host", sim.host, *setting, *PATIENT]) == (not unlocks)
+        assert main(["check", "ur", "--host", sim.host, *setting, *PATIENT]) == 1
     text = " ".join(capsys.readouterr().out.split())
-    verdict = "warning" if unlocks else "failed"
-    assert re.search(rf"operating state {verdict} FAULT: .*protective stop", text)
-    assert ("`enable` resets this, as far as is known" in text) == unlocks
-    assert re.search(r"enable +ok", text) is not None or not unlocks
-    assert ("not ready: 1 of" in text) != unlocks
+    assert re.search(r"operating state failed FAULT: .*protective stop", text)
+    assert "not ready: 1 of" in text
+
+
+def test_a_link_lost_while_the_rate_is_measured_is_not_ready(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with SIM.spawn() as sim:
+        measure = check_command._check_rate
+
+        def lose(engine: Engine) -> Iterator[Finding]:
+            sim.stop()
+            eventually(lambda: not engine.connected, "the link is lost")
+            return measure(engine)
+
+        monkeypatch.setattr(check_command, "_check_rate", lose)
+        assert main(["check", "ur", "--host", sim.host, *PATIENT]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"operating state failed FAULT: ", text)
+    assert "not ready: 1 of" in text
