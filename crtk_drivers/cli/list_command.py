@@ -66,9 +66,8 @@ def list_plugins(name: str | None) -> int:
     if not entries:
         everything = {each: entry for group in groups for each, entry in group.items()}
         plugins.find_entry(everything, name, "device, simulator or page")
-    for entry in entries:
-        _describe(entry)
-    return 1 if any(entry.error for entry in entries) else 0
+    are_shown = [_describe(entry) for entry in entries]
+    return 0 if all(are_shown) else 1
 
 
 def list_simulators() -> None:
@@ -146,24 +145,39 @@ def _package(entry: PluginEntry) -> str:
     return f"{entry.distribution} {entry.version}".strip() or "unknown package"
 
 
-def _describe(entry: PluginEntry) -> None:
+def _describe(entry: PluginEntry) -> bool:
+    """Print all that is known of one, and return whether it can be used."""
     kind = _KINDS[entry.entry_point.group]
     error = entry.error  # which imports it
     heading = Text.assemble((entry.name, "bold cyan"), f"  {kind}  ", _state_text(entry))
     OUT.print(heading.append(f"  {_package(entry)}  {entry.entry_point.value}", "dim"))
     if isinstance(error, MissingExtra):
         OUT.print(Text(f"\n{worded(str(error))}", "yellow"), soft_wrap=True)
-        return
+        return False
     if error:
         OUT.print(Text(f"\n{entry.traceback}"), soft_wrap=True)
-        return
+        return False
     OUT.print(sentence(entry.plugin.summary))
     if entry.missing:
         OUT.print(Text(worded(str(entry.missing)), "yellow"), soft_wrap=True)
     if _is_device(entry):
         sim = entry.plugin.sim
         OUT.print(f"Simulator: {plain(sim)}, by --sim.\n" if sim else "It has no simulator.\n")
-        from crtk_drivers.cli.offered_view import print_offered  # numpy is not needed otherwise
-
-        print_offered(entry.plugin)
+        if not _print_offered(entry):
+            return False
     OUT.print()
+    return True
+
+
+def _print_offered(entry: PluginEntry) -> bool:
+    """Print what a device offers, or that its plugin fails at that, and return whether it does not."""
+    from crtk_drivers.cli.offered_view import print_offered  # numpy is not needed otherwise
+
+    try:
+        print_offered(entry.plugin)
+    except Exception as error:  # a stranger's device may raise anything
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        told = f"{entry.name}: what it offers cannot be shown: {why}"
+        OUT.print(Text(told, "red"), soft_wrap=True)
+        return False
+    return True

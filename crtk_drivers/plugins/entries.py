@@ -366,7 +366,10 @@ def _offered(plugin: DevicePlugin) -> Mapping[str, Command]:
     from crtk_drivers.device.offered import offered
 
     device = typical_device(plugin)
-    return MappingProxyType({}) if device is None else offered(device)
+    try:
+        return MappingProxyType({}) if device is None else offered(device)
+    except Exception:  # of a stranger's device; `crtk-driver list NAME` says it
+        return MappingProxyType({})
 
 
 def described(plugin: Any) -> Description:

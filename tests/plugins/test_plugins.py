@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from crtk_drivers import plugins
+from crtk_drivers.cli import main
 from crtk_drivers.config import from_values
 from crtk_drivers.errors import ConfigError, ConnectionFailed, MissingExtra, PluginError
 from crtk_drivers.plugins.sim_plugin import start_sim
@@ -126,6 +127,39 @@ def test_hostile_plugins_are_broken_and_harm_nobody(site: Site) -> None:
             plugins.device(name)
         assert plugins.commands_of(name) == {}
     assert plugins.device("acme").summary == "a good one"
+
+
+BROKEN_INSIDE = """
+from crtk_drivers.config import DeviceConfig
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+class Odd(LoopbackDevice):
+    @property
+    def {part}(self):
+        raise ZeroDivisionError("at [/red] {part}")
+PLUGIN = DevicePlugin("{name}", "made, and broken", LoopbackConfig, Odd)
+"""
+
+
+@pytest.mark.parametrize("part", ["capabilities", "children", "services", "inputs", "readings"])
+def test_a_device_that_is_broken_inside_harms_nobody(
+    site: Site, part: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = f"odd_{part}"
+    site.install(
+        "odd", {name: BROKEN_INSIDE.format(name=name, part=part)}, {name: f"{name}:PLUGIN"}
+    )
+    site.install("acme-arm", {"acme": GOOD.format(name="acme")}, {"acme": "acme:PLUGIN"})
+    assert "servo_jp" in plugins.commands_of("acme")
+    plugins.commands_of(name)  # which raises nothing
+    assert main(["list"]) == 0
+    capsys.readouterr()
+    assert main(["list", name]) == 1
+    shown = capsys.readouterr()
+    told = f"{name}: what it offers cannot be shown: ZeroDivisionError: at [/red] {part}"
+    assert told in shown.out
+    assert "Traceback" not in shown.out + shown.err
+    assert main(["list", "acme"]) == 0
 
 
 def test_an_interrupt_while_loading_stays_an_interrupt(site: Site) -> None:
