@@ -6,6 +6,7 @@ a joint in the Jacobian is its axis. Lengths in m, angles in rad.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from crtk_drivers.geometry.frames import inverse_pose
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.kinematics.chain import JointKind, placed, turn
 from crtk_drivers.samples import Array, Pose, Vector, vector
+
+logger = logging.getLogger(__name__)
 
 PARALLEL: Final = 0.05
 """Sine of the angle between two axes under which they count as parallel: where they meet tells nothing."""
@@ -54,15 +57,18 @@ class RevoluteChain:
 
 
 def joint_kinds(device: Device) -> tuple[JointKind | None, ...]:
-    """Return how each joint moves; None where the device's kinematics do not tell."""
+    """Return how each joint moves; None where the device's kinematics do not tell, or fail in any way."""
     count, kinematics = len(device.capabilities.joints), device.kinematics
     if not count or kinematics is None:
         return (None,) * count
     try:
-        jacobian = kinematics.jacobian(start_of(device))
-    except CrtkError:
+        kinds = tuple(_kind(column) for column in kinematics.jacobian(start_of(device)).T)
+        if len(kinds) != count:
+            raise ValueError(f"its Jacobian has {len(kinds)} columns for {count} joints")
+    except Exception as error:  # of a stranger's kinematics, and how joints move is only shown
+        logger.debug("%s: how its joints move is not known: %r", device.address, error)
         return (None,) * count
-    return tuple(_kind(column) for column in jacobian.T)
+    return kinds
 
 
 def joint_units(device: Device) -> tuple[str, ...]:

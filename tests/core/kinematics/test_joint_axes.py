@@ -13,7 +13,7 @@ from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Device, Kinematics
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.kinematics.chain import JointKind
-from crtk_drivers.kinematics.joint_axes import chain_of, joint_kinds
+from crtk_drivers.kinematics.joint_axes import chain_of, joint_kinds, joint_units
 from crtk_drivers.samples import Array, Pose, Vector, vector
 from crtk_drivers.wrappers.forwarding import WrappedDevice
 
@@ -126,3 +126,22 @@ def test_a_chain_that_would_lead_elsewhere_is_not_shown() -> None:
             return Coupled(self.inner.kinematics)
 
     assert chain_of(Arm(made("virtual"))) is None
+
+
+def _raises(q: Vector) -> Array:
+    raise ZeroDivisionError("at the singularity")
+
+
+@pytest.mark.parametrize(
+    "jacobian",
+    [_raises, lambda q: np.eye(6)[:, :3], lambda q: np.eye(6), lambda q: None, lambda q: 1.0],
+    ids=["raises", "too few", "too many", "nothing", "number"],
+)
+def test_kinematics_that_fail_leave_the_units_unknown(
+    jacobian: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = made("loopback")
+    monkeypatch.setattr(type(device.kinematics), "jacobian", lambda self, q: jacobian(q))
+    assert joint_kinds(device) == (None,) * 4
+    assert joint_units(device) == ("",) * 4
+    assert chain_of(device) is None
