@@ -158,8 +158,6 @@ class Capabilities:
         model: what its maker calls it, as ``UR5e``; empty: the driver does not know before it is opened.
         joints: names, in the order of every joint vector; empty for a device without joints.
         limits: one for each joint.
-        joint_units: of the position of each joint: ``rad``, ``m``, ``Pa``, or empty where it is not known;
-            without any, what the kinematics say.
         modes: the low-level modes; the core derives the CRTK commands from them.
         estimates: those of `modes` whose values the hardware reaches only roughly, by a model of itself.
         measured: CRTK names of the feedback in each sample, sub-namespaces included.
@@ -185,13 +183,14 @@ class Capabilities:
         following: how closely its joints follow positions; None: that cannot be told, and is not watched.
         velocity_resolution: one for each joint, in rad/s (m/s): the smallest step of the velocities that are
             measured, below which nothing can be said to move; empty: finer than anyone asks.
+        joint_units: of the position of each joint: ``rad``, ``m``, ``Pa``, or empty where it is not known;
+            without any, what the kinematics say.
     """
 
     type: str = ""
     model: str = ""
     joints: tuple[str, ...] = ()
     limits: tuple[JointLimits, ...] = ()
-    joint_units: tuple[str, ...] = ()
     cartesian_limits: CartesianLimits | None = None
     modes: frozenset[Mode] = frozenset()
     estimates: frozenset[Mode] = frozenset()
@@ -215,6 +214,7 @@ class Capabilities:
     stop: StopPolicy = field(default=StopPolicy(0.0, "holds its position"))
     following: Following | None = None
     velocity_resolution: tuple[float, ...] = ()
+    joint_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.limits) != len(self.joints):

@@ -199,3 +199,9 @@ def test_a_device_with_nothing_is_possible() -> None:
 def test_units_are_given_for_all_joints_or_none() -> None:
     with pytest.raises(ValueError, match="2 joint_units for 0 joints"):
         Capabilities(measured=(), joint_units=("rad", "m"))
+
+
+def test_capabilities_by_position_are_as_before_there_were_units() -> None:
+    given = Capabilities("arm", "A1", ("x",), (LIMIT,), CartesianLimits(1.0, 1.0, 1.0, 1.0))
+    assert given.cartesian_limits == CartesianLimits(1.0, 1.0, 1.0, 1.0)
+    assert given.joint_units == ()
