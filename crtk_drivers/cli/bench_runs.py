@@ -214,7 +214,7 @@ def show(folders: Sequence[Path]) -> int:
     for key, title in titles.items():
         values = [_value(one, key) for one in runs]
         name = f"{key.device}, simulated" if key.simulated and key.device in both else key.device
-        table.add_row(name, title, key.part, *values)
+        table.add_row(*map(Text, (name, title, key.part)), *values)
     OUT.print(table)
     return 0
 
@@ -239,9 +239,9 @@ def _tell(found: Run, folder: Path) -> None:
             if measured.regressed:
                 where = f"{device.name} {test.id} {test.name}"
                 told = f"{where}: worse than it was: {measured.told}: {measured.regressed}"
-                OUT.print(told, style="yellow", soft_wrap=True)
+                OUT.print(Text(told, "yellow"), soft_wrap=True)
     if not found.complete:
-        OUT.print(f"This run did not come to its end: {found.ended_by}", style="bold red")
+        OUT.print(Text(f"This run did not come to its end: {found.ended_by}", "bold red"))
     OUT.print(Text.assemble((found.verdict, STYLES[found.verdict]), f": {report.summary(found)}"))
     path = folder / "report.html" if folder.is_dir() else folder
     if path.exists():
@@ -276,11 +276,15 @@ def _verdicts(found: Run) -> Table:
             continue
         told = test.reason or "; ".join(measured.told for measured in test.measurements)
         table.add_row(
-            device.name, test.id, test.name, Text(test.verdict, STYLES[test.verdict]), told
+            Text(device.name),
+            Text(test.id),
+            Text(test.name),
+            Text(test.verdict, STYLES[test.verdict]),
+            Text(told),
         )
     for (name, reason), tests in _skipped(found).items():
         verdict = Text(Verdict.SKIPPED, STYLES[Verdict.SKIPPED])
-        table.add_row(name, "", "", verdict, f"{', '.join(tests)}: {reason}")
+        table.add_row(Text(name), "", "", verdict, Text(f"{', '.join(tests)}: {reason}"))
     return table
 
 

@@ -106,7 +106,7 @@ def _table(findings: list[Finding]) -> Table:
         result = Text(worded(finding.result))
         if finding.remedy:
             result.append(f"\n{worded(finding.remedy)}", _STYLES[finding.verdict])
-        table.add_row(finding.what, Text(finding.verdict, _STYLES[finding.verdict]), result)
+        table.add_row(Text(finding.what), Text(finding.verdict, _STYLES[finding.verdict]), result)
     return table
 
 

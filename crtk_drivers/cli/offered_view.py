@@ -34,7 +34,7 @@ def print_offered(plugin: DevicePlugin) -> None:
     commands = _table("command", "units", "what it is")
     units = joint_units(device)
     for name, command in offered(device).items():
-        commands.add_row(Text(name, "cyan"), units_for(command, units), command.summary)
+        commands.add_row(Text(name, "cyan"), Text(units_for(command, units)), Text(command.summary))
     OUT.print(commands)
     parts = {"": device, **{f"{name}/": part for name, part in device.children.items()}}
     joints = [line for prefix, part in parts.items() for line in _joints(prefix, part)]
@@ -83,7 +83,7 @@ def _describe_extras(
     table = _table(title, *(["type"] if payloads else []), "what it is")
     for shown, first in numbered(summaries).items():
         kind = [_type_words(payloads[first])] if payloads else []
-        table.add_row(Text(shown, "cyan"), *kind, summaries[first])
+        table.add_row(Text(shown, "cyan"), *kind, Text(summaries[first]))
     OUT.print()
     OUT.print(Text(f"{title}s, beyond CRTK: ", "bold").append(worded(how), "dim"), soft_wrap=True)
     OUT.print(table)

@@ -8,6 +8,7 @@ from typing import Any
 
 import typer
 from rich.table import Table
+from rich.text import Text
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.help_pages import HelpfulCommand
@@ -66,11 +67,11 @@ def run_simulator(plugin: SimPlugin, given: Mapping[str, Any]) -> int:
 def _tell_ports(plugin: SimPlugin, running: RunningSim) -> None:
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 3, 0, 2))
     for name, port in running.ports.items():
-        table.add_row(name.replace("_", " "), f"{running.host}:{port}", style=None)
+        table.add_row(Text(name.replace("_", " ")), Text(f"{running.host}:{port}"))
     # A simulator of somebody else may have none of these.
     for kind in ("ttys", "paths"):
         for name, path in getattr(running, kind, {}).items():
-            table.add_row(name.replace("_", " "), plain(path), style=None)
+            table.add_row(Text(name.replace("_", " ")), Text(path))
     ERR.print(f"[bold cyan]{plain(plugin.name)}[/] simulator running, process {running.pid}")
     ERR.print(table)
     for hint in getattr(running, "hints", ()):

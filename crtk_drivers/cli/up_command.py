@@ -299,10 +299,12 @@ def _plan(lab: Lab) -> Table:
     for device in lab.devices.values():
         at = "a simulator" if device.sim else device.address
         name = Text(device.name, "bold cyan")
-        table.add_row(name, device.plugin.name, device.namespace, at, ", ".join(device.after))
+        words = (device.plugin.name, device.namespace, at, ", ".join(device.after))
+        table.add_row(name, *map(Text, words))
     for program in lab.programs.values():
         name = Text(program.name, "bold cyan")
-        table.add_row(name, " ".join(program.command), "", "", ", ".join(program.after))
+        words = (" ".join(program.command), "", "", ", ".join(program.after))
+        table.add_row(name, *map(Text, words))
     return table
 
 

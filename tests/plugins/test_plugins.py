@@ -162,6 +162,31 @@ def test_a_device_that_is_broken_inside_harms_nobody(
     assert main(["list", "acme"]) == 0
 
 
+WITH_BRACKETS = """
+from crtk_drivers.config import DeviceConfig
+from crtk_drivers.plugins import DevicePlugin
+from crtk_drivers.commands import Payload
+from crtk_drivers.device import Reading, Service
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
+class Bracketed(LoopbackDevice):
+    @property
+    def services(self):
+        return {"zero": Service("zero it [/red] now", lambda: None)}
+    @property
+    def readings(self):
+        return {"gap": Reading("how wide it is [mm]", Payload.NUMBER, lambda: 0.0)}
+PLUGIN = DevicePlugin("brackets", "one", LoopbackConfig, Bracketed)
+"""
+
+
+def test_texts_of_a_device_are_no_markup(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    site.install("brackets", {"brackets": WITH_BRACKETS}, {"brackets": "brackets:PLUGIN"})
+    assert main(["list", "brackets"]) == 0
+    shown = capsys.readouterr().out
+    assert "zero it [/red] now" in shown
+    assert "how wide it is [mm]" in shown
+
+
 def test_an_interrupt_while_loading_stays_an_interrupt(site: Site) -> None:
     site.install("slow", {"slow": "raise KeyboardInterrupt"}, {"slow": "slow:PLUGIN"})
     entry = plugins.devices()["slow"]
