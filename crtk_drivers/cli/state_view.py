@@ -12,7 +12,7 @@ from rich.text import Text
 
 from crtk_drivers.cli.name_lists import numbered, short_names
 from crtk_drivers.cli.status_line import STATE_STYLES
-from crtk_drivers.cli.terminal import ERR, OUT
+from crtk_drivers.cli.terminal import ERR, OUT, printable
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.survey import Report, reported, survey
 from crtk_drivers.errors import CrtkError, TransitionFailed
@@ -69,13 +69,14 @@ def print_device(device: RemoteDevice) -> int:
     report = _report(device)
     following = NEXT[status.state]
     if report.connecting:
-        OUT.print(Text(worded(report.text), "yellow"), soft_wrap=True)
+        OUT.print(Text(worded(printable(report.text)), "yellow"), soft_wrap=True)
         following = "wait, then crtk-driver state {0}"
     else:
         OUT.print(status_words(status))
         if report.text not in ("", *OperatingState):  # one of a moment before says no reason
             style = STATE_STYLES[status.state] if status.state in _TROUBLE else ""
-            OUT.print(Text("reason: ").append(worded(report.text), style), soft_wrap=True)
+            reason = Text("reason: ").append(worded(printable(report.text)), style)
+            OUT.print(reason, soft_wrap=True)
             if status.state is OperatingState.FAULT and _REMEDY.search(report.text):
                 following = _REMEDIED
     OUT.print(
@@ -99,7 +100,7 @@ def print_device(device: RemoteDevice) -> int:
 def status_words(status: Status) -> Text:
     """Return the operating state with what is unusual about it, or that it is not known yet."""
     if status.connecting:
-        return Text(worded(status.detail), "yellow")
+        return Text(worded(printable(status.detail)), "yellow")
     return Text.assemble(
         (status.state, STATE_STYLES[status.state]),
         ("  homed" if status.is_homed else "  not homed", "" if status.is_homed else "yellow"),
@@ -163,10 +164,12 @@ def _print_joints(device: RemoteDevice, offered: Mapping[str, Any]) -> None:
         name = measured.name[index] if measured.name else str(index + 1)
         limit = limits.get(name)
         table.add_row(
-            Text(name),
+            Text(printable(name)),
             f"{position:.4f}",
             "" if setpoint is None else f"{setpoint.position[index]:.4f}",
-            "" if limit is None else f"{_bound(limit['lower'])} .. {_bound(limit['upper'])}",
+            ""
+            if limit is None
+            else " .. ".join(_bound(limit.get(end)) for end in ("lower", "upper")),
         )
     OUT.print(table)
 
@@ -202,5 +205,5 @@ def pose_words(pose: Pose) -> str:
     """Return a pose in m with its quaternion x, y, z, w, as `move --pose` takes it."""
     position = " ".join(f"{value:.4f}" for value in pose.position)
     orientation = " ".join(f"{value:.4f}" for value in pose.orientation)
-    frame = f"  in {pose.frame_id}" if pose.frame_id else ""
+    frame = f"  in {printable(pose.frame_id)}" if pose.frame_id else ""
     return f"{position} m  {orientation}{frame}"

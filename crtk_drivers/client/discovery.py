@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from crtk_drivers.client.told_manifest import usable
 from crtk_drivers.commands import COMMANDS, Command, Direction, find
 from crtk_drivers.errors import ConnectionFailed
 from crtk_drivers.ros.manifest import MANIFEST
@@ -101,6 +102,9 @@ class Catalogue:
                 raise ValueError("it is no object")
             if not isinstance(content.get("commands", {}), dict):
                 raise ValueError("its commands are no object")
+            content, wrong = usable(content)
+            if wrong:
+                logger.warning("%s has values of a wrong type in: %s", topic, ", ".join(wrong))
         except (ValueError, RecursionError) as error:
             logger.warning("%s holds no manifest: %s", topic, error)
             content = {} if cached is None else cached[1]

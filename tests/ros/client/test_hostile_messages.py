@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -16,14 +17,16 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Float64, Float64MultiArray, String
 
+from crtk_drivers.cli import main
 from crtk_drivers.client import RemoteDevice, connect
 from crtk_drivers.client.discovery import Catalogue
 from crtk_drivers.client.goals import arrival_of
 from crtk_drivers.client.inbox import Inbox, Received, Unreadable
 from crtk_drivers.commands import find
-from crtk_drivers.errors import DataTimeout
+from crtk_drivers.errors import ConnectionFailed, DataTimeout
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.manifest import MANIFEST
 from crtk_drivers.samples import JointState, Number, Text, vector
 from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Node
@@ -229,3 +232,61 @@ def test_a_text_that_is_no_manifest_leaves_the_one_before(text: str) -> None:
     for told in ('{"name": "arm", "commands": {}}', text):
         inbox.receive(serialize_message(String(data=told)))
         assert catalogue.manifest == {"name": "arm", "commands": {}}
+
+
+NOT_AS_TOLD = {
+    "a service without a name": {"services": {"x": {}}},
+    "services in a list": {"services": ["x"]},
+    "no readings": {"readings": None},
+    "children that are no names": {"children": [1, {}]},
+    "no children": {"children": None},
+    "joints without names": {"joints": [{"lower": 0.0}]},
+    "joints that are numbers": {"joints": [1]},
+    "limits that are words": {"joints": [{"name": "x", "lower": "low"}]},
+    "a device that is a number": {"device": {"name": 1, "model": [2]}},
+    "rates in a list": {"rates": [1]},
+    "control characters": {"services": {"\x1b[2J": {"name": "/odd_told/\x1b[2Jx", "type": "t"}}},
+}
+
+
+@pytest.fixture(scope="module")
+def odd() -> Iterator[Any]:
+    """A device, and what publishes its manifest."""
+    with Node("odd_told") as other:
+        node, namespace = other.node, "/odd_told"
+        state = node.create_publisher(OperatingStateMessage, f"{namespace}/operating_state", 10)
+        joints = node.create_publisher(JointStateMessage, f"{namespace}/measured_js", 10)
+        told = node.create_publisher(String, f"{namespace}/node/{MANIFEST}", qos.LATCHED)
+
+        def tell() -> None:
+            stamp = node.get_clock().now().to_msg()
+            status = OperatingStateMessage(state="DISABLED", is_homed=True)
+            message = JointStateMessage(name=["x"], position=[1.0])
+            status.header.stamp = message.header.stamp = stamp
+            state.publish(status)
+            joints.publish(message)
+
+        node.create_timer(0.05, tell)
+        yield told
+
+
+@pytest.mark.parametrize("content", NOT_AS_TOLD.values(), ids=NOT_AS_TOLD)
+def test_a_manifest_with_wrong_types_is_used_as_far_as_it_goes(
+    odd: Any, content: dict[str, Any], capfd: pytest.CaptureFixture[str]
+) -> None:
+    topics = {
+        "operating_state": "crtk_msgs/msg/OperatingState",
+        "measured_js": "sensor_msgs/msg/JointState",
+    }
+    commands = {name: {"name": f"/odd_told/{name}", "type": kind} for name, kind in topics.items()}
+    odd.publish(String(data=json.dumps({"commands": commands, **content})))
+    assert main(["state", "/odd_told"]) == 0
+    out = capfd.readouterr().out
+    assert "DISABLED" in out
+    assert "1.0000" in out
+    assert "\x1b" not in out
+    with (
+        connect("/odd_told") as device,
+        pytest.raises(ConnectionFailed, match="there is nothing in jaw/"),
+    ):
+        device.child("jaw", timeout=2.0)
