@@ -11,14 +11,20 @@ from collections.abc import Iterable
 from difflib import SequenceMatcher
 from typing import Final
 
-_SLIPS: Final = ((4, 1), (8, 2))
+_SLIPS: Final = ((5, 1), (8, 2))
 """How many slips names of up to so many letters may have; in longer ones there may be `_MOST_SLIPS`."""
 _MOST_SLIPS: Final = 3
+_SAME_START: Final = 3
+"""Letters with which two short names begin: then there may be `_SLIPS_AFTER` (``sinus``, ``sine``)."""
+_SLIPS_AFTER: Final = 2
 _SAME_BEGINNING: Final = 4
 """Letters with which two names begin: then likeness counts (``movel``, ``move_jp``)."""
 _ALIKE: Final = 0.6
+_DIGITS: Final = "0123456789"
 _SHORTEST_BEGINNING: Final = 2
 _SHORTEST_WORD: Final = 3
+_LONGEST: Final = 100
+"""Letters of a name that are looked at: nobody mistypes a longer one, and the search takes its square."""
 
 
 def near_names(name: str, names: Iterable[str], most: int = 1) -> list[str]:
@@ -26,33 +32,58 @@ def near_names(name: str, names: Iterable[str], most: int = 1) -> list[str]:
 
     Near are names with few slips between them (letters that are other ones, too many, left out or swapped);
     names of which one begins the other (``ur5e``, ``ur``); a name that is a word of the other (``netft``,
-    ``ati-netft``); and names that begin alike and are alike. Capitals do not count. Parts that two paths
-    begin with (``bench.lag.``) make them no nearer.
+    ``ati-netft``); and names that begin alike and are alike. The fewest slips come first, then the likest.
+    Capitals do not count. Parts that two paths begin with (``bench.lag.``) make them no nearer. Names of a
+    series (``joint_6``, ``joint_7``) are not near: who writes a number means it.
     """
-    near = {each: _likeness(name, each) for each in names if _is_near(name, each)}
-    return sorted(near, key=lambda each: (near[each], each), reverse=True)[:most]
+    given = name[:_LONGEST].casefold()
+    ranks = {each: _rank(given, each[:_LONGEST].casefold()) for each in names}
+    near = ((rank, each) for each, rank in ranks.items() if rank is not None)
+    return [each for _, each in sorted(near)[:most]]
 
 
-def _likeness(one: str, other: str) -> float:
-    return SequenceMatcher(None, one.casefold(), other.casefold(), autojunk=False).ratio()
-
-
-def _is_near(name: str, known: str) -> bool:
-    given, known = _apart(name.casefold(), known.casefold())
+def _rank(name: str, known: str) -> tuple[int, float] | None:
+    """Return what sorts the names that are near: slips, and how unlike they are; None for a far one."""
+    given, known = _apart(name, known)
     short, long = sorted((given, known), key=len)
     if not short:
-        return not long
-    if len(short) >= _SHORTEST_BEGINNING and long.startswith(short):
-        return True
-    if len(given) >= _SHORTEST_WORD and given in re.split(r"[-_./ ]", known):
-        return True
-    begins_alike = short[:_SAME_BEGINNING] == long[:_SAME_BEGINNING]
-    if begins_alike and len(short) > _SAME_BEGINNING and _likeness(given, known) >= _ALIKE:
-        return True
-    allowed = next((slips for letters, slips in _SLIPS if len(long) <= letters), _MOST_SLIPS)
+        return None if long else (0, 0.0)
+    if _are_a_series(given, known):
+        return None
+    slips = _slips(given, known, _MOST_SLIPS)
+    is_near = (
+        (len(short) > 1 and slips <= _allowed(short, long))
+        or (len(short) >= _SHORTEST_BEGINNING and long.startswith(short))
+        or (len(given) >= _SHORTEST_WORD and given in re.split(r"[-_./ ]", known))
+    )
+    begins_alike = (
+        len(short) > _SAME_BEGINNING and short[:_SAME_BEGINNING] == long[:_SAME_BEGINNING]
+    )
+    if not is_near and not begins_alike:
+        return None
+    likeness = SequenceMatcher(None, given, known, autojunk=False).ratio()
+    return (slips, 1.0 - likeness) if is_near or likeness >= _ALIKE else None
+
+
+def _allowed(short: str, long: str) -> int:
+    """Return how many slips there may be between two names."""
     if short[0] != long[0]:  # who begins a name with another letter means another one
-        allowed = 1
-    return len(short) > 1 and _slips(given, known, allowed) <= allowed
+        return 1
+    allowed = next((slips for letters, slips in _SLIPS if len(long) <= letters), _MOST_SLIPS)
+    return max(allowed, _SLIPS_AFTER) if short[:_SAME_START] == long[:_SAME_START] else allowed
+
+
+def _are_a_series(one: str, other: str) -> bool:
+    """Return whether two names differ only in the number at their ends.
+
+    Of a longer number a digit may be left out: ``xm430-w35`` for ``xm430-w350``.
+    """
+    stem = one.rstrip(_DIGITS)
+    number, its = one[len(stem) :], other[len(other.rstrip(_DIGITS)) :]
+    if not number or not its or other != stem + its or number == its:
+        return False
+    short, long = sorted((number, its), key=len)
+    return len(short) == 1 or not long.startswith(short)
 
 
 def _apart(one: str, other: str) -> tuple[str, str]:
@@ -68,6 +99,9 @@ def _slips(one: str, other: str, most: int) -> int:
     """Return how many letters are other ones, too many, left out, or swapped; more than `most` if it is."""
     if abs(len(one) - len(other)) > most:
         return most + 1
+    pairs = enumerate(zip(one, other, strict=False))
+    start = next((at for at, (letter, its) in pairs if letter != its), min(len(one), len(other)))
+    one, other = one[start:], other[start:]
     before: list[int] = []
     row = list(range(len(other) + 1))
     for i, letter in enumerate(one, start=1):
@@ -76,4 +110,4 @@ def _slips(one: str, other: str, most: int) -> int:
             row.append(min(before[j] + 1, row[-1] + 1, before[j - 1] + (letter != its)))
             if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == its:
                 row[j] = min(row[j], last[j - 2] + 1)
-    return row[-1]
+    return min(row[-1], most + 1)

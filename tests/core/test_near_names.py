@@ -1,5 +1,7 @@
 """What is proposed for a name that does not exist: what was probably meant, and no far name."""
 
+import time
+
 import pytest
 
 from crtk_drivers import plugins
@@ -28,6 +30,7 @@ NEAR = [
     ("stat", OWN_COMMANDS, "state"),
     ("mesured_js", COMMANDS, "measured_js"),
     ("mov_jp", COMMANDS, "move_jp"),
+    ("servo_pj", COMMANDS, "servo_jp"),
     ("scal", LAB_KEYS, "scale"),
     ("pluggin", ["name", "plugin", "host"], "plugin"),
     ("hots", ["host", "port"], "host"),
@@ -53,6 +56,9 @@ FAR = [
     ("motion.lag.foo", ["motion.lag.lag"]),
     ("enable", ["disable"]),
     ("position", ["proportion"]),
+    ("j7", ["j1", "j6"]),
+    ("joint_7", ["joint_1", "joint_6", "joint_70"]),
+    ("force", ["free"]),
 ]
 
 
@@ -70,6 +76,13 @@ def test_several_names_come_nearest_first() -> None:
     assert near_names("movel", COMMANDS, most=3)[0].startswith("move_")
     assert len(near_names("movel", COMMANDS, most=3)) == 3
     assert near_names("xm430-w35", ["xm540-w270", "xm430-w350", "xm430-w210"], most=2) == [
-        "xm430-w350",
-        "xm430-w210",
+        "xm430-w350"
     ]
+
+
+def test_many_and_long_names_take_no_time() -> None:
+    began = time.process_time()
+    many = [f"measured_position_of_{number:04}_joint" for number in range(8000)]
+    assert near_names("measured_position_of_1234_jiont", many) == [many[1234]]
+    assert near_names("a" * 3000, ["a" * 2999 + "b", "b" * 3000]) == ["a" * 2999 + "b"]
+    assert time.process_time() - began < 1.5
