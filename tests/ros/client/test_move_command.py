@@ -13,7 +13,7 @@ from crtk_msgs.msg import OperatingState as OperatingStateMessage
 from sensor_msgs.msg import JointState as JointStateMessage
 from std_msgs.msg import Empty
 
-from crtk_drivers.cli import move_command
+from crtk_drivers.cli import move_command, typed_goals
 from crtk_drivers.cli.state_view import print_position
 from crtk_drivers.client import move_handle
 from crtk_drivers.errors import ConfigError
@@ -43,7 +43,7 @@ class Still:
 
 def goal(device: Still, *values: str, relative: bool = False, degrees: bool = False) -> list[float]:
     anything: Any = device
-    found = move_command._joint_goal(anything, values, relative, degrees)
+    found = typed_goals.joint_goal(anything, values, relative, degrees)
     return np.asarray(found.value).tolist()  # type: ignore[no-any-return]
 
 
@@ -198,7 +198,7 @@ def test_units_are_those_of_the_joints(
         n: {"unit": u, "lower": None, "upper": None} for n, u in zip(names, units, strict=True)
     }
     device: Any = Still(names, [0.0] * len(units), **joints)
-    found = move_command._joint_goal(device, [f"{names[-1]}=0.3"], False, False)
+    found = typed_goals.joint_goal(device, [f"{names[-1]}=0.3"], False, False)
     assert found.to_go() == to_go
     print_position(device)
     assert heading in capfd.readouterr().out
