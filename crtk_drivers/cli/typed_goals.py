@@ -65,7 +65,7 @@ def joint_goal(device: RemoteDevice, values: Sequence[str], relative: bool, degr
         raise ConfigError(
             "reports no joint positions",
             where=device.namespace,
-            remedy=f"Is that its driver's setup? See: crtk-driver echo {device.namespace} measured_js",
+            remedy=f"What it publishes: crtk-driver echo {device.namespace} measured_js",
         )
     # Another maker's names may be missing or empty; its joints are numbered then.
     given = here.name or ("",) * here.position.size
