@@ -300,6 +300,11 @@ class RemoteDevice(DeviceFront, AnyDevice):
 
     # --------------------------------------------------------------------------------- commands
 
+    @property
+    @override
+    def _named(self) -> str:
+        return self.namespace
+
     @override
     def _sender(self, name: str, command: Command) -> Callable[..., Any]:
         outbox: Outbox = self._space.connected(name)

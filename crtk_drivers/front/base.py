@@ -8,7 +8,6 @@ from inspect import cleandoc
 from types import MappingProxyType
 from typing import Any, Protocol, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from crtk_drivers.commands import COMMANDS, Command, Direction, Kind, Payload
@@ -19,8 +18,8 @@ from crtk_drivers.front.method_forms import (
     QUERY_TIMEOUT,
     summary_of,
 )
-from crtk_drivers.geometry.conversions import as_pose
-from crtk_drivers.samples import EMPTY, Number, Pose, Vector, vector
+from crtk_drivers.front.payloads import converted
+from crtk_drivers.samples import EMPTY, JointState, Number, Pose, Vector
 from crtk_drivers.state import OperatingState, StateCommand, Status
 
 PARTS: Mapping[str, tuple[str, str]] = MappingProxyType(
@@ -172,6 +171,11 @@ class DeviceFront(Operated, ABC):
         """Return what the device offers, with one line for each name."""
         return {name: summary_of(command) for name, command in self.crtk_commands.items()}
 
+    @property
+    @abstractmethod
+    def _named(self) -> str:
+        """What a refusal calls the device."""
+
     @abstractmethod
     def _reader(self, name: str) -> Reader:
         """Return what reads a feedback; it raises DataTimeout when there is none like that."""
@@ -191,9 +195,9 @@ class DeviceFront(Operated, ABC):
         elif command.direction is Direction.COMMANDED:
             method = self._sender(name, command)
         elif command.payload is Payload.FORWARD_KINEMATICS:
-            method = _forward(self._query(name, command))
+            method = _forward(self._query(name, command), name, self._named)
         else:
-            method = _inverse(self._query(name, command))
+            method = _inverse(self._query(name, command), name, self._named)
         return method
 
 
@@ -209,15 +213,25 @@ def _getter(read: Reader, field: str) -> Callable[..., Any]:
     return getter
 
 
-def _forward(ask: Callable[[Vector, float], Pose]) -> Callable[..., Pose]:
+def _joints(name: str, value: Any, where: str) -> Vector:
+    state = converted(name, Payload.JOINT_STATE, value, where)
+    assert isinstance(state, JointState)
+    return state.position
+
+
+def _forward(ask: Callable[[Vector, float], Pose], name: str, where: str) -> Callable[..., Pose]:
     def forward(joints: ArrayLike, timeout: float = QUERY_TIMEOUT) -> Pose:
-        return ask(vector(np.asarray(joints, dtype=float)), timeout)
+        return ask(_joints(name, joints, where), timeout)
 
     return forward
 
 
-def _inverse(ask: Callable[[Pose, Vector, float], Vector]) -> Callable[..., Vector]:
+def _inverse(
+    ask: Callable[[Pose, Vector, float], Vector], name: str, where: str
+) -> Callable[..., Vector]:
     def inverse(pose: Any, reference: ArrayLike = EMPTY, timeout: float = QUERY_TIMEOUT) -> Vector:
-        return ask(as_pose(pose), vector(np.asarray(reference, dtype=float)), timeout)
+        wanted = converted(name, Payload.POSE, pose, where)
+        assert isinstance(wanted, Pose)
+        return ask(wanted, _joints(name, reference, where), timeout)
 
     return inverse

@@ -1106,7 +1106,8 @@ class CartesianMotionLocal(Protocol):
                 the device's own base.
 
         Raises:
-            CommandRefused: what was given cannot be used; over ROS that is a KinematicsError.
+            CommandRefused: what was given cannot be used; a wrong size or a value that is not
+                finite is a KinematicsError over ROS.
             ConnectionFailed, DataTimeout: over ROS, nobody serves it, or there was no answer in
                 `timeout` s; CrtkError inside a callback.
         """
@@ -2143,7 +2144,8 @@ class CartesianMotion(Moving, Protocol):
                 frame.
 
         Raises:
-            CommandRefused: what was given cannot be used; over ROS that is a KinematicsError.
+            CommandRefused: what was given cannot be used; a wrong size or a value that is not
+                finite is a KinematicsError over ROS.
             ConnectionFailed, DataTimeout: over ROS, nobody serves it, or there was no answer in
                 `timeout` s; CrtkError inside a callback.
         """
@@ -2168,7 +2170,8 @@ class CartesianMotion(Moving, Protocol):
             Vector: (n,) in rad (m), one for each joint.
 
         Raises:
-            CommandRefused: what was given cannot be used; over ROS that is a KinematicsError.
+            CommandRefused: what was given cannot be used; a wrong size or a value that is not
+                finite is a KinematicsError over ROS.
             KinematicsError: no joint position within the limits reaches the pose.
             ConnectionFailed, DataTimeout: over ROS, nobody serves it, or there was no answer in
                 `timeout` s; CrtkError inside a callback.

@@ -431,6 +431,11 @@ class LocalFront(DeviceFront):
             remedy="Pass age=0 to take the last value whatever its age.",
         )
 
+    @property
+    @override
+    def _named(self) -> str:
+        return self._engine.where
+
     @override
     def _sender(self, name: str, command: Command) -> Callable[..., Any]:
         engine, client, watch = self._engine, self._client, self._watch

@@ -300,7 +300,10 @@ def _query(command: Command) -> Form:
     keyword = Parameter.POSITIONAL_OR_KEYWORD
     timeout = Parameter("timeout", keyword, default=QUERY_TIMEOUT, annotation="float")
     until = ("timeout", "how long to wait for the answer, in s.")
-    refused = "CommandRefused: what was given cannot be used; over ROS that is a KinematicsError."
+    refused = (
+        "CommandRefused: what was given cannot be used; a wrong size or a value that is not finite "
+        "is a KinematicsError over ROS."
+    )
     joints = "(n,) in rad (m), one for each joint"
     pose = "position (3,) in m, orientation (4,) a unit quaternion x, y, z, w"
     if command.payload is Payload.FORWARD_KINEMATICS:

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -215,6 +215,29 @@ def test_kinematics(arm: LocalDevice) -> None:
         arm.forward_kinematics([0.0] * 3)
     with pytest.raises(CommandRefused, match="nan"):
         arm.inverse_kinematics(pose, [np.nan] * 4)
+
+
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda arm: arm.forward_kinematics("x"), "forward_kinematics refused .* of str"),
+        (lambda arm: arm.forward_kinematics([[0.0] * 4]), "forward_kinematics refused .* of list"),
+        (lambda arm: arm.forward_kinematics(None), "forward_kinematics refused"),
+        (lambda arm: arm.inverse_kinematics([9, 9, 9]), "inverse_kinematics refused .* of list"),
+        (lambda arm: arm.inverse_kinematics(object()), "inverse_kinematics refused .* of object"),
+        (
+            lambda arm: arm.inverse_kinematics([0, 0, 0, 0, 0, 0, 1], "x"),
+            "inverse_kinematics refused .* of str",
+        ),
+    ],
+)
+def test_what_is_no_pose_and_no_joints_is_refused_by_kinematics(
+    arm: LocalDevice, ask: Callable[[LocalDevice], object], words: str
+) -> None:
+    with pytest.raises(CommandRefused, match=words) as refusal:
+        ask(arm)
+    assert refusal.value.remedy
+    assert "loopback" in refusal.value.where
 
 
 def test_closing_ends_a_move_and_the_threads() -> None:

@@ -290,6 +290,10 @@ def test_kinematics(far: Far) -> None:
     tilted = Pose(np.zeros(3), np.array([0.5, 0.5, 0.5, 0.5]))
     with pytest.raises(KinematicsError, match=r"turns about z only"):
         far.arm.inverse_kinematics(tilted)
+    with pytest.raises(CommandRefused, match="of str"):
+        far.arm.forward_kinematics("x")
+    with pytest.raises(CommandRefused, match="of list"):
+        far.arm.inverse_kinematics([9, 9, 9])
 
 
 def test_events(far: Far) -> None:
