@@ -38,8 +38,8 @@ def near_names(name: str, names: Iterable[str], most: int = 1) -> list[str]:
     """
     given = name[:_LONGEST].casefold()
     ranks = {each: _rank(given, each[:_LONGEST].casefold()) for each in names}
-    near = ((rank, each) for each, rank in ranks.items() if rank is not None)
-    return [each for _, each in sorted(near)[:most]]
+    near = {each: rank for each, rank in ranks.items() if rank is not None}
+    return sorted(sorted(near, reverse=True), key=lambda each: near[each])[:most]
 
 
 def _rank(name: str, known: str) -> tuple[int, float] | None:

@@ -37,7 +37,7 @@ NEAR = [
     ("prot", ["host", "port"], "port"),
     ("sinus", ["sine", "step"], "sine"),
     ("ampl", ["amplitude", "period"], "amplitude"),
-    ("csq", ["csv", "pp"], "csv"),
+    ("csq", ["csp", "csv", "pp"], "csv"),
     ("ppp", ["csv", "pp"], "pp"),
     ("shit", ["shift", "sign"], "shift"),
     ("lowpass", ["low_pass", "rate"], "low_pass"),
