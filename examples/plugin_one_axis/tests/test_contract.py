@@ -4,7 +4,7 @@ import pytest
 from crtk_driver_one_axis.config import OneAxisConfig
 
 import crtk_drivers
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, DeviceFault, TransitionFailed, raise_first
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session, open_session
 from crtk_drivers.testing.contract import DeviceContract
@@ -39,7 +39,12 @@ class TestOneAxis(DeviceContract):
         session.sim.control.inject("overload")
         assert enabled.wait_for_operating_state("FAULT", self.timeout)
         assert enabled.operating_state().detail == "motor overload"
+        with pytest.raises(DeviceFault, match="motor overload"):
+            raise_first(enabled.engine.device.obstacles)  # which `crtk-driver check` shows
+        with pytest.raises(TransitionFailed, match="motor overload"):
+            enabled.enable()
         session.sim.control.clear("overload")
+        self.until(lambda: not enabled.engine.device.obstacles, "report that it is gone")
         enabled.enable()
 
     def test_a_stage_that_falls_silent_is_lost(

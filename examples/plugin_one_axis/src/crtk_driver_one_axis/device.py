@@ -27,7 +27,7 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionFailed, DeviceFault
+from crtk_drivers.errors import ConnectionFailed, CrtkError, DeviceFault, raise_first
 from crtk_drivers.kit import MessageLink, TcpTransport
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
@@ -86,6 +86,14 @@ class OneAxisDevice(Device):
 
     @property
     @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        if self._report is None or not self._report.fault:
+            return ()
+        remedy = "Remove the cause, then enable again."
+        return (DeviceFault(self._report.fault, where=self.address, remedy=remedy),)
+
+    @property
+    @override
     def counters(self) -> Mapping[str, float]:
         return {"reports": float(self._reports)}
 
@@ -128,6 +136,7 @@ class OneAxisDevice(Device):
 
     @override
     def enable(self) -> Steps:
+        raise_first(self.obstacles)
         self._link.write(POWER_ON)
         yield from self._until_powered(True)
 
@@ -138,6 +147,6 @@ class OneAxisDevice(Device):
 
     def _until_powered(self, powered: bool) -> Steps:
         while self._report is None or self._report.powered is not powered:
-            if powered and self._report is not None and self._report.fault:
-                raise DeviceFault(self._report.fault, remedy="Remove the cause, then enable again.")
+            if powered:
+                raise_first(self.obstacles)
             yield

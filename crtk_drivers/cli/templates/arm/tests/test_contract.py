@@ -1,6 +1,7 @@
 """The arm against the contract of crtk-drivers, and what the contract cannot know."""
 
 import pytest
+from crtk_drivers.errors import DeviceFault, TransitionFailed, raise_first
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.plugins import SimControl
 from crtk_drivers.session import Session, open_session
@@ -38,6 +39,10 @@ class TestMyArm(DeviceContract):
         control(session).inject("overload")
         assert enabled.wait_for_operating_state("FAULT", self.timeout)
         assert enabled.operating_state().detail == "motor overload"
+        with pytest.raises(DeviceFault, match="motor overload"):
+            raise_first(enabled.engine.device.obstacles)  # which `crtk-driver check` shows
+        with pytest.raises(TransitionFailed, match="motor overload"):
+            enabled.enable()
         control(session).clear("overload")
         self.until(lambda: not enabled.engine.device.condition.reason, "tell that it is gone")
         enabled.enable()

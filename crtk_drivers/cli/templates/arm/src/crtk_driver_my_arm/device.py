@@ -12,7 +12,7 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionFailed, DeviceFault
+from crtk_drivers.errors import ConnectionFailed, CrtkError, DeviceFault, raise_first
 from crtk_drivers.kit import MessageLink, TcpTransport
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
@@ -83,6 +83,14 @@ class MyArmDevice(Device):
             return Condition(OperatingState.FAULT, self._report.fault)
         return Condition()
 
+    @property
+    @override
+    def obstacles(self) -> tuple[CrtkError, ...]:
+        if self._report is None or not self._report.fault:
+            return ()
+        remedy = "Remove the cause, then enable again."
+        return (DeviceFault(self._report.fault, where=self.address, remedy=remedy),)
+
     @override
     def open(self, deadline: float) -> None:
         self._link.open(deadline)
@@ -115,6 +123,7 @@ class MyArmDevice(Device):
 
     @override
     def enable(self) -> Steps:
+        raise_first(self.obstacles)
         self._link.write(POWER_ON)
         yield from self._until_powered(True)
 
@@ -125,6 +134,6 @@ class MyArmDevice(Device):
 
     def _until_powered(self, powered: bool) -> Steps:
         while self._report is None or self._report.powered is not powered:
-            if powered and self._report is not None and self._report.fault:
-                raise DeviceFault(self._report.fault, remedy="Remove the cause, then enable again.")
+            if powered:
+                raise_first(self.obstacles)
             yield
