@@ -21,6 +21,7 @@ from crtk_drivers.device.offered import (
     without_state,
 )
 from crtk_drivers.engine.as_messages import Messages
+from crtk_drivers.engine.checked_readings import checked_readings
 from crtk_drivers.engine.services import OwnService, Request, Requests
 from crtk_drivers.engine.tether import Tether
 from crtk_drivers.engine.transitions import Transitions
@@ -108,7 +109,8 @@ class Intake:
         self._feedback = Feedback(device, stale_after)
         self._told = Told(self._feedback)
         self.services: Mapping[str, Service | OwnService] = device.services
-        self.inputs, self.readings = device.inputs, device.readings
+        self.inputs = device.inputs
+        self.readings = checked_readings(device.readings, self.where)
         own_names = (FOLLOW.name, *self.services, *self.inputs)
         self._health = HealthRecorder(self.capabilities.rate, 2.0 * period, own_names)
         homed = not self.capabilities.needs_homing

@@ -3,6 +3,7 @@
     CrtkError                      everything below; catch this to catch all of it
     ├── ConfigError                a configuration that cannot be used (also ValueError)
     ├── PluginError                a plugin that cannot be found or loaded (also LookupError)
+    ├── WrongReading               a reading of a driver returned a value of a wrong class (also TypeError)
     ├── MissingExtra               a library of an extra is not installed (also ImportError)
     ├── DeviceError                the hardware, or the link to it, is at fault
     │   ├── ConnectionFailed       could not be reached in time (also ConnectionError)
@@ -98,6 +99,10 @@ class ConfigError(CrtkError, ValueError):
 
 class PluginError(CrtkError, LookupError):
     """A device or simulator plugin that cannot be found or loaded."""
+
+
+class WrongReading(CrtkError, TypeError):
+    """A reading of a driver returned a value of another class than that of its payload."""
 
 
 class MissingExtra(CrtkError, ImportError):

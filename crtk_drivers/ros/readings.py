@@ -14,6 +14,7 @@ from rclpy.publisher import Publisher
 
 from crtk_drivers.device import Reading
 from crtk_drivers.engine import Engine
+from crtk_drivers.errors import WrongReading
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.messages import TYPES
@@ -63,7 +64,10 @@ class ReadingTopics:
             self._thread.attempt(name, partial(self._look, topic))
 
     def _look(self, topic: _Topic) -> None:
-        value, now = topic.reading.tell(), time.monotonic()
+        try:
+            value, now = topic.reading.tell(), time.monotonic()
+        except WrongReading:  # it has been logged, and will be wrong again
+            return
         is_due = topic.reading.repeats and now - topic.told_at >= REPEATED
         if value is None or (value == topic.told and not is_due):
             return

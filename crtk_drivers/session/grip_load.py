@@ -8,7 +8,7 @@ from typing import Final
 
 from crtk_drivers.config.attached import GripLoadConfig, LoadConfig
 from crtk_drivers.engine import Engine
-from crtk_drivers.errors import CommandRefused, ConfigError, Reason
+from crtk_drivers.errors import CommandRefused, ConfigError, Reason, WrongReading
 from crtk_drivers.geometry.quaternions import pose_from_rotvec
 from crtk_drivers.samples import Flag, Numbers, Value, vector
 
@@ -57,7 +57,10 @@ class GripLoad:
             return
         if not self._gripper.is_at_rest:
             return  # between two grips it holds nothing for a moment
-        told = self._gripper.readings[HOLDS].tell()
+        try:
+            told = self._gripper.readings[HOLDS].tell()
+        except WrongReading:  # it has been logged
+            return
         if not isinstance(told, Flag) or told.value is self._told or not self._arm.is_at_rest:
             return
         try:

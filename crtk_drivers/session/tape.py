@@ -22,7 +22,7 @@ from typing_extensions import override
 from crtk_drivers.commands import ROS_TYPES, Command, Direction, Level, Payload
 from crtk_drivers.device import Reading
 from crtk_drivers.engine import Engine, Observer
-from crtk_drivers.errors import CommandRefused, unexpected
+from crtk_drivers.errors import CommandRefused, WrongReading, unexpected
 from crtk_drivers.motion.past import Moment
 from crtk_drivers.recording import Raw, cdr
 from crtk_drivers.recording.recorder import Entry
@@ -178,6 +178,8 @@ class Tape(Observer):
         """Return a reading; one that fails is not known, told once, and keeps no other from being told."""
         try:
             return reading.tell()
+        except WrongReading:  # it has been logged
+            return None
         except Exception as error:
             if name not in self._failed:
                 logger.warning("recording: %s is left out: %s", name, unexpected(error))

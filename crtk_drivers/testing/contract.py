@@ -333,6 +333,10 @@ class DeviceContract:
             if isinstance(value, Pose | Twist | Wrench):
                 assert value.frame_id in known, f"{name} is in {value.frame_id!r}"
 
+    def test_readings_return_the_class_of_their_payload(self, arm: LocalDevice) -> None:
+        for reading in arm.engine.readings.values():
+            reading.tell()  # raises WrongReading, which names the class
+
     def test_counters_are_numbers(self, arm: LocalDevice) -> None:
         for name, value in arm.health().device.items():
             assert isinstance(value, int | float), f"{name} is {value!r}"

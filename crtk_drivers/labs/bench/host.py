@@ -24,7 +24,13 @@ from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.engine import Engine, Observer
-from crtk_drivers.errors import CommandRefused, ConnectionFailed, CrtkError, unexpected
+from crtk_drivers.errors import (
+    CommandRefused,
+    ConnectionFailed,
+    CrtkError,
+    WrongReading,
+    unexpected,
+)
 from crtk_drivers.labs.bench.calls import EFFORT, TOOLS, About, Failed, Glance, HostOrder
 from crtk_drivers.labs.bench.taping import SampleRecorder
 from crtk_drivers.motion.arbiter import Client
@@ -249,7 +255,10 @@ class Host:
         self._engine.submit(name, value, stamp_ns, visitor)
 
     def _readings(self) -> dict[str, str]:
-        told = {name: reading.tell() for name, reading in self._engine.readings.items()}
+        told: dict[str, Value | None] = {}
+        for name, reading in self._engine.readings.items():
+            with contextlib.suppress(WrongReading):
+                told[name] = reading.tell()
         return {
             name: str(getattr(value, "value", getattr(value, "values", value)))
             for name, value in told.items()

@@ -12,13 +12,20 @@ import crtk_drivers
 from crtk_drivers import plugins
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Reading
-from crtk_drivers.errors import CommandRefused, RecordingError, TransitionFailed
+from crtk_drivers.engine.checked_readings import checked_readings
+from crtk_drivers.errors import (
+    CommandRefused,
+    RecordingError,
+    TransitionFailed,
+    WrongReading,
+)
 from crtk_drivers.recording import Recording, recorder
-from crtk_drivers.samples import JointState, Stamp, Text, vector
+from crtk_drivers.samples import Flag, JointState, Stamp, Text, vector
 from crtk_drivers.session import black_box, open_session, recordings
 from crtk_drivers.session.black_box import BlackBox
 from crtk_drivers.session.recordings import make_room
 from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.testing.contract import DeviceContract
 from rigs.waiting import eventually
 
 DEVICE = "/loopback/"
@@ -273,6 +280,24 @@ def test_neither_a_stamp_of_a_client_nor_a_reading_that_fails_costs_the_black_bo
     assert Recording(run).is_complete
     assert texts(run, "crtk_driver/health")
     assert "broken is left out" in caplog.text
+
+
+def test_a_reading_of_a_wrong_class_costs_the_black_box_nothing_else(
+    arm, tmp_path, monkeypatch, caplog
+):
+    readings = {
+        "guard": Reading("whether it is open", Payload.FLAG, lambda: True),
+        "door": Reading("whether it is shut", Payload.FLAG, lambda: Flag(True)),
+    }
+    monkeypatch.setattr(arm.engine, "readings", checked_readings(readings, "stage 10.0.0.2"))
+    arm.dump()
+    (path,) = boxes(tmp_path / "box")
+    assert told(path, "state/door")
+    assert f"{DEVICE}state/guard" not in Recording(path).topics
+    with pytest.raises(WrongReading, match="'guard': returned bool, must return Flag"):
+        DeviceContract().test_readings_return_the_class_of_their_payload(arm)
+    (said,) = [each for each in caplog.records if "guard" in each.getMessage()]
+    assert said.exc_info is None
 
 
 def test_it_keeps_no_more_than_its_seconds(tmp_path):

@@ -63,6 +63,7 @@ class Scale(LoopbackDevice):
             "load": Payload.NUMBER,
             "row": Payload.NUMBERS,
             "name": Payload.TEXT,
+            "guard": Payload.FLAG,
         }
         return {
             name: Reading(f"its {name}", kind, partial(self._told, name))
@@ -191,6 +192,27 @@ def test_readings_are_latched_topics_that_tell_each_change_once(rig: Rig) -> Non
     inbox = client["operating_state"]
     inbox.wait(since=inbox.mark())
     assert [len(heard[name]) for name in topics] == [2, 1, 1, 1]
+
+
+def test_a_reading_of_a_wrong_class_is_said_once_without_a_traceback(
+    rig: Rig, caplog: pytest.LogCaptureFixture
+) -> None:
+    client, device = rig.client, device_of(rig)
+    heard: list[Bool] = []
+    client.node.create_subscription(
+        Bool, f"{client.namespace}/state/door", heard.append, qos.LATCHED
+    )
+    device.told = {"guard": True, "door": Flag(True)}  # type: ignore[dict-item]
+    eventually(lambda: heard and heard[-1].data, "the reading beside it")
+    device.told = {"guard": False, "door": Flag(False)}  # type: ignore[dict-item]
+    eventually(lambda: not heard[-1].data, "the next one")
+    device.told = {}
+    said = [record for record in caplog.records if "guard" in record.getMessage()]
+    assert [record.getMessage() for record in said] == [
+        f"{rig.session.engine.where}: reading 'guard': returned bool, "
+        "must return Flag (crtk_drivers.samples)"
+    ]
+    assert said[0].exc_info is None
 
 
 def test_texts_and_numbers_are_inputs(rig: Rig) -> None:
