@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from typing_extensions import override
 
-from crtk_drivers.device import Answer, Capabilities, JointLimits, Mode
-from crtk_drivers.errors import CommandRefused
+from crtk_drivers.device import Answer, Capabilities, JointLimits, Mode, Service
+from crtk_drivers.errors import CommandRefused, PluginError
 from crtk_drivers.kit.gripping import (
     Doing,
     Fault,
@@ -115,6 +115,21 @@ def enabled(hand: Spoken, on_close: OnClose = "hold") -> GripperDevice:
 @pytest.fixture
 def hand() -> Spoken:
     return Spoken()
+
+
+class Plain(Spoken):
+    """Its service is one of a device, which does not say when it may be asked for."""
+
+    @property
+    @override
+    def services(self) -> Mapping[str, Any]:
+        return {"release": Service("in two steps", self._release)}
+
+
+def test_a_hand_with_a_plain_service_is_refused() -> None:
+    wrong = r"service 'release' of Plain: is a Service, must be a HandService \(crtk_drivers.kit"
+    with pytest.raises(PluginError, match=wrong):
+        GripperDevice(Plain(), "a test", "hold")
 
 
 def test_a_service_goes_no_further_where_the_gripper_is_not_enabled_any_more(hand: Spoken) -> None:

@@ -34,6 +34,7 @@ from crtk_drivers.errors import (
     DeviceError,
     DeviceFault,
     MotionAborted,
+    PluginError,
     Reason,
     TransitionFailed,
     raise_first,
@@ -71,9 +72,19 @@ class GripperDevice(Device):
         address: where it is.
         on_close: how it is left when the program ends.
         settling: time constant in s of a velocity that is found from positions.
+
+    Raises:
+        PluginError: a service of the hand is no `HandService`.
     """
 
     def __init__(self, hand: Hand, address: str, on_close: OnClose, settling: float = 0.1) -> None:
+        for name, service in hand.services.items():
+            if not isinstance(service, HandService):
+                raise PluginError(
+                    f"service {name!r} of {type(hand).__name__}: is a {type(service).__name__}, "
+                    "must be a HandService (crtk_drivers.kit.gripping)",
+                    where=address,
+                )
         self._hand = hand
         self._address = address
         self._on_close = on_close
