@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.terminal import ERR
-from crtk_drivers.errors import ConfigError, CrtkError
+from crtk_drivers.errors import ConfigError, CrtkError, PluginError
 from crtk_drivers.plugins import Finder, FoundDevice
 
 __all__ = ["lab_text", "scanned_lab"]
@@ -64,7 +64,7 @@ def _finders() -> tuple[dict[str, Finder], list[str]]:
 def _looked(name: str, finder: Finder, place: str) -> list[FoundDevice]:
     _say(f"{name}: looking at {place} ...")
     try:
-        found = list(finder.look(place))
+        found = _checked(name, finder.look(place))
     except CrtkError as error:
         _say(f"  not possible: {error}")
         return []
@@ -73,6 +73,22 @@ def _looked(name: str, finder: Finder, place: str) -> list[FoundDevice]:
     if not found:
         _say("  nobody answers")
     return found
+
+
+def _checked(name: str, found: Any) -> list[FoundDevice]:
+    """Return what a finder found.
+
+    Raises:
+        PluginError: that is something else than devices: a mistake in the plugin.
+    """
+    devices = list(found) if isinstance(found, Iterable) else [found]
+    for device in devices:
+        if not isinstance(device, FoundDevice):
+            raise PluginError(
+                f"the finder of {name} returned {type(device).__name__}, "
+                "must return FoundDevice objects (crtk_drivers.plugins)"
+            )
+    return devices
 
 
 def _say(text: str) -> None:

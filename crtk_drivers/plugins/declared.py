@@ -19,7 +19,7 @@ from crtk_drivers.config import (
     load,
 )
 from crtk_drivers.device import Device, DeviceKind
-from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors import ConfigError, PluginError
 from crtk_drivers.plugins.finder import Finder
 from crtk_drivers.plugins.sim_plugin import RunningSim
 from crtk_drivers.samples import Pose, Wrench
@@ -122,6 +122,13 @@ class Tool:
     options: type[Settings] = Settings
     arguments: tuple[str, ...] = ()
     check_real: Callable[[Any], None] | None = None
+
+    def __post_init__(self) -> None:
+        if not issubclass(self.options, Settings):
+            raise PluginError(
+                f"tool {self.name!r}: the options {self.options.__name__} must be a class derived from "
+                "Settings (crtk_drivers.config)"
+            )
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from crtk_driver_canopen import plugin as canopen
 from crtk_driver_dynamixel import finding as dynamixel_finding
 from crtk_driver_robotiq import finding as robotiq_finding
 from crtk_drivers import plugins
-from crtk_drivers.cli import main
+from crtk_drivers.cli import lab_scan, main
 from crtk_drivers.cli.lab_scan import lab_text
 from crtk_drivers.kit import adapters
 from crtk_drivers.labs import load_lab
@@ -107,6 +108,24 @@ def test_a_place_that_cannot_be_opened_does_not_keep_the_others_from_it(
     path = tmp_path / "lab.toml"
     assert main(["lab", "new", str(path), "--scan", "--at", "/dev/no-such", "--at", hub]) == 0
     assert "not possible: " in capsys.readouterr().err
+    assert list(tomllib.loads(path.read_text())["devices"]) == ["canopen"]
+
+
+def test_a_finder_that_returns_something_else_is_named_and_keeps_no_other_from_it(
+    hub: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finder = plugins.device("dynamixel").finder
+    canopen_finder = plugins.device("canopen").finder
+    assert finder is not None
+    wrong = replace(finder, look=lambda place: [{"port": place}])  # type: ignore[list-item]
+    monkeypatch.setattr(
+        lab_scan, "_finders", lambda: ({"wrong": wrong, "canopen": canopen_finder}, [])
+    )
+    path = tmp_path / "lab.toml"
+    places = ["--at", "/dev/ttyUSB0", "--at", hub]
+    assert main(["lab", "new", str(path), "--scan", *places]) == 0
+    told = capsys.readouterr().err
+    assert "the finder of wrong returned dict, must return FoundDevice objects" in told
     assert list(tomllib.loads(path.read_text())["devices"]) == ["canopen"]
 
 

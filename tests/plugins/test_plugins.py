@@ -105,6 +105,12 @@ HOSTILE = {
     "syntax": ("def broken(:", "SyntaxError"),
     "nothing": ("", "has no attribute 'PLUGIN'"),
     "number": ("PLUGIN = 5", "a DevicePlugin is needed, not int"),
+    "options": (
+        "from crtk_drivers.plugins import Tool\n"
+        "from crtk_sim_backends.kit import Options\n"
+        "Tool('info', 'shows it', print, Options)",
+        "tool 'info': the options Options must be a class derived from Settings",
+    ),
     "liar": (GOOD.format(name="honest"), "it calls itself 'honest'"),
     "config": (
         GOOD.format(name="config") + "object.__setattr__(PLUGIN, 'config', dict)",
