@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from crtk_drivers.errors import MissingExtra
 from crtk_drivers.geometry.quaternions import (
     QUATERNION_TOLERANCE,
     matrix_from_quaternion,
@@ -67,8 +68,17 @@ def have_kdl() -> bool:
 
 
 def to_kdl(pose: Pose) -> Any:
-    """Return a PyKDL.Frame."""
-    import PyKDL
+    """Return a PyKDL.Frame.
+
+    Raises:
+        MissingExtra: PyKDL is not installed.
+    """
+    try:
+        import PyKDL
+    except ImportError:
+        raise MissingExtra(
+            "PyKDL", "", remedy="Install it with: sudo apt install python3-pykdl"
+        ) from None
 
     return PyKDL.Frame(
         PyKDL.Rotation.Quaternion(*pose.orientation.tolist()),
@@ -77,15 +87,29 @@ def to_kdl(pose: Pose) -> Any:
 
 
 def to_se3(pose: Pose) -> Any:
-    """Return a pinocchio.SE3."""
-    import pinocchio
+    """Return a pinocchio.SE3.
+
+    Raises:
+        MissingExtra: pinocchio is not installed.
+    """
+    try:
+        import pinocchio
+    except ImportError:
+        raise MissingExtra("pinocchio", "kinematics") from None
 
     return pinocchio.SE3(matrix_from_quaternion(pose.orientation), np.array(pose.position))
 
 
 def to_rotation(pose: Pose) -> Any:
-    """Return the orientation as a scipy.spatial.transform.Rotation."""
-    from scipy.spatial.transform import Rotation
+    """Return the orientation as a scipy.spatial.transform.Rotation.
+
+    Raises:
+        MissingExtra: scipy is not installed.
+    """
+    try:
+        from scipy.spatial.transform import Rotation
+    except ImportError:
+        raise MissingExtra("scipy", "", remedy="Install it with: pip install scipy") from None
 
     return Rotation.from_quat(pose.orientation)
 

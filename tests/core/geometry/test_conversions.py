@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crtk_drivers.errors import MissingExtra
 from crtk_drivers.geometry import conversions
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from crtk_drivers.samples import Pose
@@ -49,6 +51,23 @@ def test_a_librarys_frame_there_and_back(module: str, convert: Callable[[Pose], 
     pytest.importorskip(module)
     pose = Pose(np.array([0.1, -0.2, 0.3]), np.array([0.5, -0.5, 0.5, 0.5]))
     assert same(conversions.as_pose(convert(pose)), pose)
+
+
+@pytest.mark.parametrize(
+    ("module", "convert", "remedy"),
+    [
+        ("PyKDL", conversions.to_kdl, "sudo apt install python3-pykdl"),
+        ("pinocchio", conversions.to_se3, "pip install 'crtk-drivers[kinematics]'"),
+        ("scipy.spatial.transform", conversions.to_rotation, "pip install scipy"),
+    ],
+)
+def test_a_library_that_is_missing_is_named_with_how_to_install_it(
+    module: str, convert: Callable[[Pose], Any], remedy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtra, match="is not installed") as raised:
+        convert(Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])))
+    assert raised.value.remedy == f"Install it with: {remedy}"
 
 
 def test_scipy_there_and_back() -> None:
