@@ -5,15 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from crtk_drivers.commands import Payload
-from crtk_drivers.device import (
-    Answer,
-    Capabilities,
-    Device,
-    Reading,
-    Service,
-    Setpoint,
-    StopPolicy,
-)
+from crtk_drivers.device import Answer, Capabilities, Reading, Sensor, Service, StopPolicy
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
 from crtk_drivers.kit import MessageLink, until
 from crtk_drivers.kit.serial_port import SerialPort
@@ -28,7 +20,7 @@ TARE_TIMEOUT = 2.0
 """Seconds in which the sensor confirms that it tares."""
 
 
-class MySensorDevice(Device):
+class MySensorDevice(Sensor):
     """One sensor."""
 
     def __init__(self, config: MySensorConfig) -> None:
@@ -86,14 +78,6 @@ class MySensorDevice(Device):
         force = vector([0.0, 0.0, self._newest.force])
         wrench = Wrench(force, vector([0.0, 0.0, 0.0]), self._config.frame_id)
         return Sample(Stamp.now(), {"measured_cf": wrench})
-
-    @override
-    def write(self, setpoint: Setpoint) -> None:
-        """Do nothing: no command of CRTK leads here."""
-
-    @override
-    def stop(self) -> None:
-        """Do nothing: it does not move."""
 
     def _overload(self) -> Flag:
         return Flag(self._newest.overload)
