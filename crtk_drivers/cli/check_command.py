@@ -37,7 +37,7 @@ MEASURING_TIME = 1.0
 
 RATE_TOLERANCE = 0.02
 LATE_SHARE = 0.005
-_CAUSE_FIRST = "Remove the cause; then `enable` resets it."
+_CAUSE_FIRST = "Remove the cause, then enable."
 _SETTLING_TIME = 0.3
 _POLL = 0.02
 

@@ -30,6 +30,8 @@ NEXT: Mapping[OperatingState, str] = {
 """What to do in a state; {0} is the namespace."""
 
 _REMEDIED = "do what the reason says, then crtk-driver enable {0}"
+_MOST_NAMES = 12
+"""Services, inputs or readings that are named: more would push the state off the screen."""
 _REMEDY = re.compile(r"\.\s+\S")
 """In a reason: another sentence. The first one says what happened, those after it what to do."""
 
@@ -92,8 +94,12 @@ def print_device(device: RemoteDevice) -> int:
             each["name"].removeprefix(f"{device.namespace}/")
             for each in device.manifest.get(extras, {}).values()
         ]
-        if names:
-            OUT.print(Text(f"{extras}: ", "dim").append("  ".join(numbered(names))))
+        shown = list(numbered(names))
+        if len(shown) > _MOST_NAMES:
+            more = f"{len(shown) - _MOST_NAMES} more: crtk-driver list NAME"
+            shown = [*shown[:_MOST_NAMES], f"and {worded(more)}"]
+        if shown:
+            OUT.print(Text(f"{extras}: ", "dim").append("  ".join(shown)))
     return 0
 
 

@@ -122,6 +122,8 @@ class RemoteDevice(DeviceFront, AnyDevice):
                     return self.child(name, timeout=None if self._space.tells_of(name) else 0.0)
                 if name not in PARTS and not self._is_name(name):
                     meant = did_you_mean(name, {**self.summaries(), **PARTS})
+                    if name in self.manifest.get("services", {}):
+                        meant = f"It has a service of that name: call({name!r}). "
                     raise NotOffered(
                         f"{type(self).__name__} has no attribute {name!r}. {meant}"
                         "crtk_commands has all that it offers."

@@ -77,7 +77,9 @@ def to_kdl(pose: Pose) -> Any:
         import PyKDL
     except ImportError:
         raise MissingExtra(
-            "PyKDL", "", remedy="Install it with: sudo apt install python3-pykdl"
+            "PyKDL",
+            "",
+            remedy="For the system's Python: sudo apt install python3-pykdl. Others use to_matrix.",
         ) from None
 
     return PyKDL.Frame(

@@ -12,6 +12,7 @@ from typing_extensions import override
 
 from crtk_driver_ur.config import ToolLineConfig
 from crtk_driver_ur.output_worker import run_beside
+from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.wrappers.forwarding import WrappedDevice
@@ -36,6 +37,15 @@ def script_of(line: ToolLineConfig) -> str:
         f"{line.stop_bits}, {line.rx_idle:g}, {line.tx_idle:g})\n"
         "end\n"
     )
+
+
+def _as_needed(its_line: Mapping[str, Any]) -> ToolLineConfig:
+    """Return the line as the plugin of a device needs it.
+
+    Raises:
+        ConfigError: it has keys that the line has not.
+    """
+    return load(ToolLineConfig, from_values(dict(its_line), "tool_line of the gripper's plugin"))
 
 
 class ToolLine:
@@ -64,8 +74,9 @@ class ToolLine:
         *,
         has_line: bool,
     ) -> None:
-        by_line = device is not None and device.address == f"{host}:{TOOL_PORT}"
-        self._config = config or (ToolLineConfig(**its_line) if by_line else None)
+        place = "" if device is None else device.address.removeprefix("socket://")
+        by_line = place == f"{host}:{TOOL_PORT}"
+        self._config = config or (_as_needed(its_line) if by_line else None)
         if self._config is not None and not has_line:
             raise ConfigError(
                 "the tool of a CB3 arm has no serial line",

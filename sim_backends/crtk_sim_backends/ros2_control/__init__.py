@@ -97,7 +97,8 @@ class Ros2ControlSimulator(Simulator[SimConfig, LoopServer]):
             graph = Graph(robot, namespace, domain, urdf_of(limits))
         except ImportError as error:
             server.close()
-            raise SimStartError(f"it needs ROS 2: {error}") from error
+            needed = "a package of ROS 2, or of the extra ros2-control of crtk-drivers"
+            raise SimStartError(f"it lacks {needed}: {error}") from error
         server.at_end(graph.close)
         period = 1.0 / config.rate
 

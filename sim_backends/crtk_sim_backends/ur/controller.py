@@ -21,7 +21,7 @@ from crtk_sim_backends.ur.models import RobotModel
 from crtk_sim_backends.ur.motion.contact import Surface, Surroundings
 from crtk_sim_backends.ur.motion.control import MotionControl
 from crtk_sim_backends.ur.motion.kinematics import Floats
-from crtk_sim_backends.ur.motion.limits import SafetyLimits
+from crtk_sim_backends.ur.motion.limits import SafetyLimits, collision_code
 from crtk_sim_backends.ur.motion.moves import Moves
 from crtk_sim_backends.ur.motion.plant import Plant
 from crtk_sim_backends.ur.motion.streams import Streams
@@ -508,13 +508,14 @@ class Controller:
 
     # What happens to a robot.
 
-    def protective_stop(self, reason_code: int = 158, argument: int = 0) -> None:
-        """Stop protectively, with an entry `reason_code` in the error log.
+    def protective_stop(self, reason_code: int = 0, argument: int = 0) -> None:
+        """Stop protectively, with an entry `reason_code` in the error log; 0: that of a collision.
 
         Without effect on an arm that is powered off or already stopped protectively.
         """
         if self.robot_mode not in _UNDER_POWER or self.safety.stopped_protectively:
             return
+        reason_code = reason_code or collision_code(self.outputs["payload"])
         text = STOP_REASONS.get((reason_code, argument), "Protective Stop")
         self.post(ErrorMessage(reason_code, argument, stop_level(reason_code), text))
         self.safety.stop_protectively(self.time)

@@ -124,7 +124,7 @@ KINDS: Final[Mapping[str, FaultKind]] = {
         _robot_kind(
             "protective_stop",
             "the robot stops protectively",
-            code=Parameter(int, 158, minimum=0, maximum=2**31 - 1),
+            code=Parameter(int, 0, minimum=0, maximum=2**31 - 1),
         ),
         _robot_kind("emergency_stop", "the emergency stop is pressed; cleared: released"),
         _robot_kind("safeguard_stop", "the safeguard input opens; cleared: closes"),

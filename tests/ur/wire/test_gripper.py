@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typing_extensions import override
 
 import crtk_drivers
 from crtk_driver_ur.config import ToolLineConfig, UrConfig
-from crtk_driver_ur.tool_line import script_of
+from crtk_driver_ur.tool_line import ToolLine, script_of
 from crtk_drivers.cli import main
 from crtk_drivers.config import AttachedConfig, from_values, load
 from crtk_drivers.errors import ConfigError, DataTimeout, PluginError, TransitionFailed
+from crtk_drivers.testing import LoopbackDevice
 from rigs.ur_bench import BRISK, lenient
 from rigs.ur_watchdog import rarely_fed
 from rigs.waiting import LONG, eventually
@@ -77,6 +79,25 @@ def test_the_name_alone_stands_for_the_table() -> None:
 def test_what_cannot_hang_there_is_refused(values: dict[str, Any], text: str) -> None:
     with pytest.raises(ConfigError, match=text):
         crtk_drivers.connect("ur", host="127.0.0.1", **values)
+
+
+class _AtTool(LoopbackDevice):
+    """A gripper of somebody else, that names its place as pyserial does."""
+
+    @property
+    @override
+    def address(self) -> str:
+        return "socket://127.0.0.9:54321"
+
+
+def test_a_device_at_the_line_may_name_it_as_a_socket() -> None:
+    """Else its line stays off, and its connection is refused."""
+    device = _AtTool()
+    line = ToolLine(None, device, "127.0.0.9", {"baud": 9600}, has_line=True)
+    assert line.device is not device
+    assert ToolLine(None, device, "127.0.0.8", has_line=True).device is device
+    with pytest.raises(ConfigError, match="rate"):
+        ToolLine(None, device, "127.0.0.9", {"rate": 9600}, has_line=True)
 
 
 def test_an_unknown_gripper_is_told() -> None:

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from crtk_sim_backends.ur.motion.kinematics import Floats, norm
 
-COLLISION: Final = 157
-COLLISION_WITHOUT_PAYLOAD: Final = 158
+_COLLISION: Final = 157
+_COLLISION_WITHOUT_PAYLOAD: Final = 158
 """Error codes of a force beyond its limit; their argument is the joint that feels most of it."""
 
 SINGULARITY: Final = 154
@@ -21,6 +21,11 @@ POWER: Final = 6
 MOMENTUM: Final = 12
 JOINT_SPEED: Final = 32
 """Error code of a violated limit, and its arguments; that of a joint's speed plus its index."""
+
+
+def collision_code(payload: float) -> int:
+    """Return the code of the error log for a collision: one for a payload of 0 kg names that."""
+    return _COLLISION if payload else _COLLISION_WITHOUT_PAYLOAD
 
 
 @dataclass(frozen=True)
@@ -57,8 +62,7 @@ class SafetyLimits:
                     strict=True,
                 )
             ]
-            code = COLLISION if outputs["payload"] else COLLISION_WITHOUT_PAYLOAD
-            return code, load.index(max(load))
+            return collision_code(outputs["payload"]), load.index(max(load))
         if not any(outputs["actual_qd"]):
             return None
         argument = self._violated(outputs, torque)
