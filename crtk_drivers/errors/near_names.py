@@ -23,6 +23,8 @@ _ALIKE: Final = 0.6
 _DIGITS: Final = "0123456789"
 _SHORTEST_BEGINNING: Final = 2
 _SHORTEST_WORD: Final = 3
+_LONGEST_OF_A_SERIES: Final = 2
+"""Digits of a number that counts: joints, inputs, tests."""
 _LONGEST: Final = 100
 """Letters of a name that are looked at: nobody mistypes a longer one, and the search takes its square."""
 
@@ -74,16 +76,15 @@ def _allowed(short: str, long: str) -> int:
 
 
 def _are_a_series(one: str, other: str) -> bool:
-    """Return whether two names differ only in the number at their ends.
+    """Return whether two names differ only in a number of one or two digits at their ends.
 
-    Of a longer number a digit may be left out: ``xm430-w35`` for ``xm430-w350``.
+    In a longer number somebody slips: ``xm430-w351`` for ``xm430-w350``.
     """
     stem = one.rstrip(_DIGITS)
     number, its = one[len(stem) :], other[len(other.rstrip(_DIGITS)) :]
     if not number or not its or other != stem + its or number == its:
         return False
-    short, long = sorted((number, its), key=len)
-    return len(short) == 1 or not long.startswith(short)
+    return max(len(number), len(its)) <= _LONGEST_OF_A_SERIES
 
 
 def _apart(one: str, other: str) -> tuple[str, str]:

@@ -10,7 +10,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, count, repeat
@@ -557,6 +557,7 @@ class Scripted:
     """A device on the far side of ROS that is not busy, and tells places one after the other."""
 
     crtk_commands = ("hold", "measured_js")
+    manifest: Mapping[str, Any] = {}
 
     def __init__(self, places: Iterable[float]) -> None:
         self._places = iter(enumerate(places, 1))

@@ -75,9 +75,8 @@ def test_a_far_name_is_not_proposed(name: str, names: list[str]) -> None:
 def test_several_names_come_nearest_first() -> None:
     assert near_names("movel", COMMANDS, most=3)[0].startswith("move_")
     assert len(near_names("movel", COMMANDS, most=3)) == 3
-    assert near_names("xm430-w35", ["xm540-w270", "xm430-w350", "xm430-w210"], most=2) == [
-        "xm430-w350"
-    ]
+    models = ["xm540-w270", "xm430-w350", "xm430-w210"]
+    assert near_names("xm430-w35", models, most=2) == ["xm430-w350", "xm430-w210"]
 
 
 def test_many_and_long_names_take_no_time() -> None:
