@@ -131,7 +131,8 @@ def _check_link(launch: Launch) -> Iterator[Finding]:
         connected = _check_connection(session, started)
         yield connected
         if connected.verdict is Verdict.OK:
-            rate = list(_check_rate(session.engine))  # meanwhile the device tells all of itself
+            # First: it takes a second, in which a device reports more of itself.
+            rate = list(_check_rate(session.engine))
             yield from _check_state(session.engine)
             yield from rate
             for name, engine in {"": session.engine, **session.children}.items():

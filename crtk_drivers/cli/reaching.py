@@ -169,7 +169,7 @@ def why_not_standing(device: RemoteDevice, timeout: float, *, has_state: bool = 
     name = place_of(device)
     if not name:
         return ""
-    units = {each["name"]: each.get("unit") for each in device.manifest.get("joints", ())}
+    units = units_by_joint(device)
     rest: list[float] = []
     since = first = 0.0
     while time.monotonic() < deadline:
@@ -185,6 +185,12 @@ def why_not_standing(device: RemoteDevice, timeout: float, *, has_state: bool = 
             return ""
         time.sleep(LOOK_PERIOD)
     return f"{name} still changes"
+
+
+def units_by_joint(device: RemoteDevice) -> dict[str, str]:
+    """Return the unit of each joint's position by its name, as the manifest has it; empty: not known."""
+    joints = device.manifest.get("joints", ())
+    return {each["name"]: each.get("unit", "") for each in joints}
 
 
 def _place_in(value: JointState | Pose, units: Mapping[str, str]) -> Iterator[float]:

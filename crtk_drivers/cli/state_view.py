@@ -11,12 +11,13 @@ from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers.cli.name_lists import numbered, short_names
+from crtk_drivers.cli.reaching import units_by_joint
 from crtk_drivers.cli.status_line import STATE_STYLES
-from crtk_drivers.cli.terminal import ERR, OUT, printable
+from crtk_drivers.cli.terminal import ERR, OUT
 from crtk_drivers.client import RemoteDevice
 from crtk_drivers.client.survey import Report, reported, survey
 from crtk_drivers.errors import CrtkError, TransitionFailed
-from crtk_drivers.errors.wording import worded
+from crtk_drivers.errors.wording import printable, worded
 from crtk_drivers.ros.manifest import headline
 from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.state import OperatingState, Status
@@ -182,16 +183,14 @@ def _print_joints(device: RemoteDevice, offered: Mapping[str, Any]) -> None:
 
 def joint_unit(device: RemoteDevice, joint: str) -> str:
     """Return the unit of a joint's position, as far as the device says it: ``rad``, ``m``, or both."""
-    units = {each["name"]: each.get("unit") for each in device.manifest.get("joints", ())}
-    return units.get(joint) or "rad or m"
+    return units_by_joint(device).get(joint) or "rad or m"
 
 
 def joint_units(device: RemoteDevice) -> list[str]:
     """Return the units of the joints' positions that occur; both ``rad`` and ``m`` where one is not known."""
-    told = {each.get("unit") for each in device.manifest.get("joints", ())} or {None}
-    if not all(told):
-        told |= {"rad", "m"}
-    found = [unit for unit in told if unit]
+    found = set(units_by_joint(device).values()) or {""}
+    if "" in found:
+        found = found - {""} | {"rad", "m"}
     return sorted(found, key=lambda unit: (unit != "rad", unit))
 
 

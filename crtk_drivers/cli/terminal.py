@@ -63,11 +63,6 @@ def ask(what: str) -> None:
     ERR.print(Text(f" {what} ", "bold reverse"))
 
 
-def printable(text: str) -> str:
-    """Return what somebody else says without control characters, with which it could write anything."""
-    return "".join(each for each in text if each.isprintable() or each in "\n\t")
-
-
 def plain(text: str) -> str:
     """Return `text` so that rich takes none of it for markup."""
     return escape(text)

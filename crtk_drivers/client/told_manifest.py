@@ -1,7 +1,7 @@
 """What of a manifest can be used: anybody may publish one, and with anything in it.
 
-What has another type than `crtk_drivers.ros.manifest` gives it is left out, so that who reads a manifest need
-not look; and so are control characters, with which a name could write anything on a terminal.
+Values whose type is not that of `crtk_drivers.ros.manifest` are left out: who reads a manifest need not check
+them. Control characters are left out, too: with them, a name could write anything on a terminal.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Final
+
+from crtk_drivers.errors.wording import printable
 
 _ROW: Final = ("name", "type")
 _WORDS: Final = ("name", "unit")
@@ -27,7 +29,7 @@ _WRONG: Final = object()
 
 def _printable(value: Any) -> Any:
     if isinstance(value, str):
-        return "".join(each for each in value if each.isprintable())
+        return printable(value, keeping="")
     if isinstance(value, list):
         return [_printable(each) for each in value]
     if isinstance(value, dict):

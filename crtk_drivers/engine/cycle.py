@@ -385,6 +385,7 @@ class Engine(Intake):
             self._stopping.stop()
 
     def _moved_by_service(self) -> None:
+        """Forget what was sent before: a service moves the device now."""
         self._stopping.moves_again()
         self._motion.follow_device()
 

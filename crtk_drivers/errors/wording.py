@@ -182,3 +182,13 @@ def _short(path: Path) -> str:
         here = path
     shown = str(path.relative_to(here) if path != here and path.is_relative_to(here) else path)
     return shlex.quote(shown if "/" in shown else f"./{shown}")
+
+
+def printable(text: str, keeping: str = "\n\t") -> str:
+    """Return what somebody else says without control characters, with which it could write anything.
+
+    Args:
+        text: of another program.
+        keeping: control characters that stay.
+    """
+    return "".join(each for each in text if each.isprintable() or each in keeping)

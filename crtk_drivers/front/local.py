@@ -488,9 +488,8 @@ class _RefusalWatch(Observer):
     @override
     def command_refused(self, refusal: CommandRefused) -> None:
         is_ours = refusal.command == _STATE_COMMAND and refusal.stamp_ns == self._stamp_ns
-        if (
-            is_ours and refusal.reason is not Reason.FAILED
-        ):  # how it ended says `transition_outcome`
+        # How a command ended that was begun, `transition_outcome` says.
+        if is_ours and refusal.reason is not Reason.FAILED:
             self._refusals.append(refusal)
 
 
