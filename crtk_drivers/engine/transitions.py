@@ -62,6 +62,8 @@ class _Running:
     stamp_ns: int
     stops: bool = False
     procedure: Procedure | None = None
+    ended: float | None = None
+    """When the procedure ended, in monotonic seconds."""
 
 
 class Transitions:
@@ -357,11 +359,13 @@ class Transitions:
         homing = running.command in HOMING_COMMANDS
         if running.command is StateCommand.DISABLE and not self._stopping.confirmed:
             self._stopping.begin_anew()  # without power it may stand soon
+        if running.ended is None:
+            running.ended = now
         stays_put = running.command is StateCommand.UNHOME
         if (
             running.target is OperatingState.ENABLED
             and not stays_put
-            and not self._feedback.seed(now)
+            and not self._feedback.seed(now, running.ended)
         ):
             return False
         homed = self._device.is_homed if self._needs_homing else True

@@ -61,7 +61,8 @@ class Active:
     """The setpoint in force: `mode` None means holding, or the hardware's own trajectory.
 
     `drift` is how fast positions that come without a velocity are moving on, joints (n,) or the tool (6,):
-    they were sent at the time `sent`, `interval` after those before.
+    they were sent at the time `sent`, `interval` after those before. `was_seeded`: here a transition has
+    ended, and nothing was sent since.
     """
 
     mode: Mode | None = None
@@ -74,6 +75,7 @@ class Active:
     stamp_ns: int = 0
     sent: float = -math.inf
     interval: float = math.inf
+    was_seeded: bool = False
 
 
 class Feedback:
@@ -129,11 +131,17 @@ class Feedback:
             self.sample = replace(self.sample, stamp=Stamp(0, -math.inf))
             self._measured = self._measured[0], -math.inf
 
-    def seed(self, now: float) -> bool:
-        """The device was enabled: the setpoint is where it is. Return False if that is not known now."""
-        if self.joints_age(now) > self.stale_after:
+    def seed(self, now: float, since: float) -> bool:
+        """Take the measured joint position as the setpoint; return False if it is not known yet.
+
+        Args:
+            now: monotonic seconds.
+            since: monotonic seconds; what was measured before does not count: with its torque or its mode a
+                servo may have changed what its positions mean.
+        """
+        if self.joints_age(now) > self.stale_after or self._joints_at() < since:
             return False
-        self.active = Active(None, JointState(position=self._measured[0].position))
+        self.active = Active(None, JointState(position=self._measured[0].position), was_seeded=True)
         return True
 
     def sent(self, point: Point, now: float, stamp_ns: int = 0) -> None:
@@ -209,8 +217,14 @@ class Feedback:
 
     def joints_age(self, now: float) -> float:
         """Return the seconds since the joints were measured; `sample_age` if they never were."""
+        return now - self._joints_at()
+
+    def _joints_at(self) -> float:
+        """Return when the joints were measured; if they never were, when the newest sample was acquired."""
         joints, at = self._measured
-        return now - at if joints.position.size else self.sample_age(now)
+        if joints.position.size:
+            return at
+        return -math.inf if self.sample is None else self.sample.stamp.monotonic
 
     def joint_setpoint(self) -> JointState:
         """Return the joint setpoint in force, see the table in `crtk_drivers.motion.told`."""

@@ -49,6 +49,17 @@ class FollowingWatch:
             self._sent.append((-math.inf, measured.tolist()))
         self._sent.append((now, position.tolist()))
 
+    def hold(self, position: Vector, now: float) -> None:
+        """Expect the joints at a position (n,) until something is sent.
+
+        Args:
+            position: where they are.
+            now: monotonic seconds.
+        """
+        self._sent.clear()
+        if self._declared and position.size == len(self._error):
+            self._sent.append((now, position.tolist()))
+
     def forget(self) -> None:
         """The joints follow something else now."""
         self._sent.clear()

@@ -6,6 +6,7 @@ from crtk_drivers.commands import Kind
 from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.errors import DeviceFault
 from crtk_drivers.motion.context import MotionContext
+from crtk_drivers.motion.feedback import Active
 from crtk_drivers.motion.following import FollowingWatch
 from crtk_drivers.motion.point import Point
 from crtk_drivers.samples import Vector
@@ -33,6 +34,7 @@ class Output:
         self._is_watched = context.capabilities.following is not None
         error = context.options.limits.following_error
         self._follows = FollowingWatch(context.capabilities, error)
+        self._held: Active | None = None  # since a transition, and watched
 
     def send_limited(self, name: str, point: Point, now: float, stamp_ns: int = 0) -> Setpoint:
         """Send what the limits leave of a command's point; return the setpoint.
@@ -83,10 +85,11 @@ class Output:
             DeviceFault: a joint does not follow.
             CommandRefused: efforts drive a joint too fast, or out of its range, or where nobody sees it.
         """
-        if self.last is None:
-            return
         context = self._context
-        if self.last.mode.kind is Kind.EFFORT:
+        if self.last is None:
+            if not self._is_held(now):
+                return
+        elif self.last.mode.kind is Kind.EFFORT:
             context.check_driven(context.health.stream or "servo", now)
         measured, at = self._feedback.measured_state()
         trouble = self._follows.trouble(measured.position, at, self._device.pace)
@@ -96,6 +99,16 @@ class Output:
                 where=context.where,
                 remedy="Look at what holds it, and whether commands arrive at it; then send enable.",
             )
+
+    def _is_held(self, now: float) -> bool:
+        """Whether the joints are to stay where the last transition ended: nothing was sent since."""
+        active = self._feedback.active
+        if not active.was_seeded:
+            return False
+        if active is not self._held:
+            self._held = active
+            self._follows.hold(active.joints.position, now)
+        return True
 
     def missing(self, goal: Vector, since: float) -> str | None:
         """Say which joint is not at the end (n,) of a move, in words; empty if all are there.

@@ -47,7 +47,7 @@ def test_before_the_first_sample_there_is_nothing() -> None:
     for name in ("measured_js", "setpoint_js", "setpoint_cp", "jacobian"):
         assert bench.told.get(name, bench.clock(), ON) is None
     assert bench.feedback.sample_age(bench.clock()) == np.inf
-    assert not bench.feedback.seed(bench.clock())
+    assert not bench.feedback.seed(bench.clock(), -np.inf)
 
 
 def test_a_sample_is_valid_until_it_is_stale_and_keeps_its_stamp(bench: Bench) -> None:
@@ -63,7 +63,7 @@ def test_a_sample_is_valid_until_it_is_stale_and_keeps_its_stamp(bench: Bench) -
     assert fresh[1].wall_ns > 0
     assert stale[1].wall_ns == 0
     assert stale[1].monotonic == fresh[1].monotonic
-    assert not bench.feedback.seed(bench.clock())
+    assert not bench.feedback.seed(bench.clock(), -np.inf)
 
 
 def test_a_sample_without_values_leaves_those_that_were_known_and_their_age(bench: Bench) -> None:
@@ -79,7 +79,7 @@ def test_a_sample_without_values_leaves_those_that_were_known_and_their_age(benc
     assert stale is not None
     assert stale[0] is before[0]
     assert stale[1].wall_ns == 0
-    assert not bench.feedback.seed(bench.clock())
+    assert not bench.feedback.seed(bench.clock(), -np.inf)
 
 
 def test_what_was_read_before_the_link_was_lost_is_not_valid(bench: Bench) -> None:
@@ -100,7 +100,7 @@ def test_a_sample_without_values_after_a_loss_shows_that_the_link_is_alive_and_n
     found = bench.told.get("measured_cp", bench.clock(), ON)
     assert found is not None
     assert found[1].wall_ns == 0
-    assert not bench.feedback.seed(bench.clock())
+    assert not bench.feedback.seed(bench.clock(), -np.inf)
 
 
 def test_a_device_that_measures_nothing_itself_is_alive_while_samples_without_values_come() -> None:
@@ -108,7 +108,7 @@ def test_a_device_that_measures_nothing_itself_is_alive_while_samples_without_va
     for _ in range(3):
         bench.clock.advance(1.0)
         bench.feedback.take(Sample(Stamp(1, bench.clock())))
-        assert bench.feedback.seed(bench.clock())
+        assert bench.feedback.seed(bench.clock(), bench.clock())
 
 
 def test_hold_keeps_a_position_that_was_sent_also_twice(bench: Bench) -> None:

@@ -15,6 +15,7 @@ from crtk_drivers.device import (
     JointLimits,
     MoveProgress,
     Setpoint,
+    Steps,
     StopPolicy,
 )
 from crtk_drivers.engine import EngineOptions
@@ -504,3 +505,49 @@ def test_closing_after_the_link_was_lost_at_rest_is_no_error() -> None:
     rig = Rig().enabled()
     rig.disconnect("the link is gone")
     rig.engine.shut_down()
+
+
+def test_the_setpoint_of_enable_is_measured_after_it() -> None:
+    """With its torque a servo may count otherwise."""
+    rig = Rig(capabilities=two_joints())
+    rig.connect()
+
+    def enable() -> Steps:
+        rig.device.stamp = rig.clock.stamp()
+        yield
+
+    rig.device.procedures["enable"] = enable
+    rig.engine.state_command("enable")
+    rig.cycle(2)
+    before = rig.state
+    rig.cycle(3)
+    assert (before, rig.state) == (S.DISABLED, S.DISABLED), "what is measured is of before"
+    rig.device.position, rig.device.stamp = np.array([0.5, 0.0]), None
+    rig.cycle()
+    assert rig.state is S.ENABLED
+    assert rig.setpoint()["position"] == [0.5, 0.0]
+
+
+@pytest.mark.parametrize("command", ["enable", "resume"])
+def test_a_joint_that_leaves_before_anything_is_sent_is_a_fault(command: str) -> None:
+    rig = Rig(capabilities=two_joints(following=FOLLOWING)).enabled()
+    if command == "resume":
+        rig.command("pause")
+        rig.device.position = np.array([0.3, 0.0])
+        rig.cycle()
+        rig.command("resume")
+    rig.cycle(20)
+    assert rig.state is S.ENABLED
+    rig.device.position = rig.device.position + 0.06
+    rig.cycle(2)
+    assert rig.state is S.FAULT
+    assert "slide does not follow" in rig.engine.status.detail
+
+
+def test_a_free_joint_may_go_where_a_hand_moves_it() -> None:
+    rig = Rig(capabilities=two_joints(following=FOLLOWING)).enabled()
+    rig.engine.submit("free")
+    rig.cycle(3)
+    rig.device.position = rig.device.position + 0.3
+    rig.cycle(20)
+    assert rig.state is S.ENABLED
