@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -46,6 +47,11 @@ class ServoCalibration(Settings):
         default=0, ge=-(2**31), lt=2**31, description="Homing Offset in its EEPROM, in counts."
     )
 
+    def applied_to(self, servo: Servo) -> Servo:
+        """Return what the counts of a servo mean with this calibration."""
+        homing = servo.model.family.homing_in_force(self.homing_offset)
+        return replace(servo, shift=self.shift, homing=homing)
+
 
 class Calibration(Settings):
     """The calibration of a chain: the content of its file."""
@@ -53,9 +59,9 @@ class Calibration(Settings):
     version: Literal[1] = Field(default=1, description="Of the format.")
     servos: tuple[ServoCalibration, ...] = Field(description="One for each servo.")
 
-    def shift(self, bus: str, servo: int) -> int:
-        """Return the shift of a servo, 0 if it has none."""
-        return next((s.shift for s in self.servos if (s.bus, s.id) == (bus, servo)), 0)
+    def of(self, bus: str, servo: int) -> ServoCalibration | None:
+        """Return what was found for a servo; None if it is not among these."""
+        return next((s for s in self.servos if (s.bus, s.id) == (bus, servo)), None)
 
     def check(self, servos: Iterable[Identity], where: str = "calibration") -> None:
         """Make sure that this calibration is of these servos.
@@ -91,9 +97,8 @@ class Calibration(Settings):
 
 def unshifted(servo: Servo, count: int, homing_offset: int) -> int:
     """Return the count of the encoder itself, from a present position and the homing offset in force."""
-    limit = servo.model.family.homing_limit
-    if servo.mode is OperatingMode.POSITION and limit and abs(homing_offset) > limit:
-        return count
+    if servo.mode is OperatingMode.POSITION:
+        return count - servo.model.family.homing_in_force(homing_offset)
     return count - homing_offset
 
 

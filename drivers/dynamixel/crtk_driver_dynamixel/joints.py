@@ -148,7 +148,9 @@ class Chain:
         if calibration is not None:
             calibration.check([(s.name, s.bus, s.id, s.units.model.name) for s in servos])
             servos = tuple(
-                replace(s, units=replace(s.units, shift=calibration.shift(s.bus, s.id)))
+                replace(s, units=found.applied_to(s.units))
+                if (found := calibration.of(s.bus, s.id))
+                else s
                 for s in servos
             )
         if calibration is not None or not config.calibration:

@@ -92,6 +92,10 @@ class Family:
     has_watchdog: bool = True
     joint_mode: int | None = None
 
+    def homing_in_force(self, offset: int) -> int:
+        """Return what a homing offset adds to positions in position mode, in counts: 0 beyond its limit."""
+        return 0 if self.homing_limit and abs(offset) > self.homing_limit else offset
+
 
 def _x(name: str, fast_read_since: int | None) -> Family:
     return Family(

@@ -4,8 +4,8 @@ A mode is a value of the register Operating Mode, which is written only while to
 profile and goals. So a change of mode is a procedure of a few cycles: torque off, mode, everything that it
 reset, a goal that moves nothing, and torque on again only after all of that was read back.
 
-No change of mode changes what a position means: position mode knows one turn only, and a servo that has left
-it is not sent there.
+No change of mode changes what a position means: position mode knows one turn of the encoder only, and a servo
+that has left it is not sent there.
 """
 
 from __future__ import annotations
@@ -19,12 +19,16 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.confirmed import make_sure, stubborn, wrong
 from crtk_driver_dynamixel.models import GOALS, OperatingMode
 from crtk_driver_dynamixel.preparation import ATTEMPTS
-from crtk_driver_dynamixel.servo_state import KEPT, position_limits
+from crtk_driver_dynamixel.servo_state import KEPT, encoder_turn, position_limits
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import DeviceFault
 
 BY_HAND: Final = "Move the joint into its range by hand, with the torque off, and enable again."
+RESTART: Final = (
+    "If it is in its range already, it was turned over the end of its encoder's turn: switch its supply off "
+    "and on."
+)
 
 NEAR: Final = 512
 """Counts from the end of a turn within which a servo that is not held may cross it."""
@@ -80,9 +84,10 @@ class Modes:
         if changing:
             yield from make_sure(link, {place: {"torque_enable": 0} for place in changing})
             yield from make_sure(link, changing)
-        waiting, differing = list(places), dict[int, list[str]]()
+        waiting, differing, goals = list(places), dict[int, list[str]](), dict[int, int]()
         for _ in range(ATTEMPTS):
             here = link.read_positions(waiting)
+            goals |= here
             self._check_counts(before, here)
             wanted = {place: self._still(place, kind, count) for place, count in here.items()}
             link.write_values(wanted)
@@ -90,6 +95,7 @@ class Modes:
             held = [place for place in wanted if place not in differing]
             # Only now: with another goal they would jump.
             link.write_values({place: {"torque_enable": 1} for place in held})
+            self._check_goals(kind, here, held)
             waiting = [place for place in waiting if place not in held]
             if not waiting:
                 break
@@ -98,6 +104,7 @@ class Modes:
             raise stubborn(link, {place: differing.get(place, ["no answer"]) for place in waiting})
         yield
         yield from make_sure(link, {p: {"torque_enable": 1} for p in places}, written=True)
+        self._check_goals(kind, goals, places)
         for place in places:
             link.health[place].torque = True
 
@@ -111,15 +118,21 @@ class Modes:
         """
         found = self._beyond(counts)
         if found:
-            yield DeviceFault(found, where=self._link.address, remedy=BY_HAND)
+            yield DeviceFault(
+                "; ".join(found), where=self._link.address, remedy=f"{BY_HAND} {RESTART}"
+            )
 
-    def _beyond(self, counts: Mapping[int, int]) -> str:
-        return "; ".join(
-            f"{self._link.chain.servos[place].place} stands at count {count}, outside its own limits "
-            f"{low} to {high}"
+    def _beyond(self, counts: Mapping[int, int]) -> list[str]:
+        return [
+            self._outside(place, count)
             for place, count, low, high in self._in_one_turn(counts)
             if not low <= count <= high
-        )
+        ]
+
+    def _outside(self, place: int, count: int) -> str:
+        low, high = self._limits(place)
+        name = self._link.chain.servos[place].place
+        return f"{name} stands at count {count}, outside its own limits {low} to {high}"
 
     def near_the_end(self, places: Sequence[int]) -> bool:
         """Whether a servo is less than an eighth of a turn from the end of the turn, or beyond."""
@@ -136,17 +149,47 @@ class Modes:
 
     def _ignored_homing(self, place: int) -> int:
         """Return what the homing offset adds to positions now, and not in position mode."""
+        if self.present(place) is OperatingMode.POSITION:
+            return 0
         state = self._link.states[place]
-        offset, limit = (
-            state.values.get("homing_offset", 0),
-            state.servo.units.model.family.homing_limit,
-        )
-        is_position = self.present(place) is OperatingMode.POSITION
-        return 0 if is_position or not limit or abs(offset) <= limit else offset
+        offset = state.values.get("homing_offset", 0)
+        return offset - state.servo.units.model.family.homing_in_force(offset)
 
     def _limits(self, place: int) -> tuple[int, int]:
+        """Return the least and greatest count at which position mode holds a servo where it stands."""
+        values = self._link.states[place].values
         family = self._link.chain.servos[place].units.model.family
-        return position_limits(self._link.states[place].values, family)
+        (least, most), (first, last) = (
+            position_limits(values, family),
+            encoder_turn(values, family),
+        )
+        return max(least, first), min(most, last)
+
+    def _check_goals(self, kind: Kind, goals: Mapping[int, int], places: Sequence[int]) -> None:
+        """Make sure that servos with torque are where their goals are; take it away from those that are not.
+
+        Raises:
+            DeviceFault: one counts otherwise with torque than without, and would turn to its goal.
+        """
+        if kind is not Kind.POSITION:
+            return
+        servos, link = self._link.chain.servos, self._link
+        found = {
+            place: count
+            for place, count in link.read_positions(places).items()
+            if abs(count - goals[place]) > servos[place].units.model.family.counts // 4
+        }
+        if found:
+            link.write_values({place: {"torque_enable": 0} for place in found})
+            raise DeviceFault(
+                "; ".join(
+                    f"{servos[place].place} counts {count} with torque, and {goals[place]} without"
+                    for place, count in found.items()
+                ),
+                where=link.address,
+                remedy="Its torque was taken away again. Switch its supply off and on, look where the joint "
+                "is, and enable again.",
+            )
 
     def _check_counts(self, before: Mapping[int, int], here: Mapping[int, int]) -> None:
         """Make sure that servos count as before.
@@ -190,9 +233,8 @@ class Modes:
             low, high = self._limits(place)
             if not low <= count <= high:
                 raise DeviceFault(
-                    f"{self._link.chain.servos[place].place} stands at count {count}, "
-                    f"outside its own limits {low} to {high}",
+                    self._outside(place, count),
                     where=self._link.address,
-                    remedy=BY_HAND,
+                    remedy=f"{BY_HAND} {RESTART}",
                 )
         return count

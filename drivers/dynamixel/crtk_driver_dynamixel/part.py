@@ -40,6 +40,8 @@ logger = logging.getLogger(__name__)
 SETTLE_TIME: Final = 0.5
 """Seconds in which a servo that was silent is heard again, after it was enabled."""
 CUT_POWER: Final = "Switch the supply of the servos off if it moves."
+COUNTING: Final = frozenset({"homing_offset", "drive_mode"})
+"""EEPROM that says from where and in which direction a servo counts."""
 LEAVE_TIME: Final = 0.6
 """Seconds in which servos are brought to rest before the port is closed."""
 
@@ -354,8 +356,8 @@ class Part:
         heard = [place for place in self.places if frame.valid[place]]
         wanted = {place: unset(link, place, self._config) for place in heard}
         yield from obstacles(link, wanted, self._config)
-        # With the homing offset that is to be written, another one counts otherwise.
-        counted = [place for place in heard if not wanted[place]]
+        # With what is to be written into these, a servo counts otherwise.
+        counted = [place for place in heard if not COUNTING & wanted[place].keys()]
         yield from self._modes.beyond({place: int(frame.position[place]) for place in counted})
 
     def enable(self) -> Steps:

@@ -11,10 +11,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from crtk_driver_dynamixel.calibration import Calibration, unshifted
-from crtk_driver_dynamixel.joints import Chain
+from crtk_driver_dynamixel.joints import Chain, servo_range
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.readings import Frame
-from crtk_driver_dynamixel.servo_state import ServoState
+from crtk_driver_dynamixel.servo_state import ServoState, encoder_turn
 from crtk_driver_dynamixel.turns import Placed, Turns, TurnsFile, has_turned
 from crtk_drivers.errors import ConfigError, ConnectionFailed
 
@@ -31,12 +31,13 @@ class Placement:
 
     Attributes:
         calibrated: servos of the calibration, by bus and id.
+        configured: the chain as it is configured and calibrated.
         chain: the same, with the counts that are taken from what servos tell, and what their registers allow.
         doubts: why it is not known which turn a servo is in, by its place.
     """
 
     def __init__(self, chain: Chain, calibration: Calibration | None, path: str) -> None:
-        self._configured = self.chain = chain
+        self.configured = self.chain = chain
         found = () if calibration is None else calibration.servos
         self.calibrated = {(servo.bus, servo.id): servo for servo in found}
         self._file = TurnsFile(path) if path else None
@@ -58,7 +59,7 @@ class Placement:
 
     def forget(self) -> None:
         """Take every servo to be where it counts, until it is looked for again."""
-        self.chain = self._configured
+        self.chain = self.configured
         self._shifts, self._homing, self.doubts = {}, {}, {}
         self._is_known = False
 
@@ -81,11 +82,18 @@ class Placement:
             if self._file is not None and known is None:
                 found: Mapping[int, Placed] = self._first_turns(self._file)
             else:
-                found = self._configured.turn_shifts(counts, known, self._has_run_on)
+                found = self.configured.turn_shifts(counts, known, self._has_run_on)
             self._shift(
                 {
-                    place: (found[place].shift if place in found else 0) + other
-                    for place, other in self._homing.items()
+                    place: other
+                    + (
+                        found[place].shift
+                        if place in found
+                        else self._turn_of_range(place, count) or 0
+                    )
+                    for (place, other), count in zip(
+                        self._homing.items(), frame.position.tolist(), strict=True
+                    )
                 }
             )
             self.doubts = {
@@ -128,8 +136,8 @@ class Placement:
     def follow(self, frame: Frame) -> dict[int, int]:
         """Take the next frame; return which servos are back, and the counts that they may have forgotten.
 
-        A servo forgets turns with its power: it begins anew within one, without torque, and until then it
-        moved less than half a turn.
+        A servo forgets turns with its power: it begins anew within one, without torque. In modes of several
+        turns it moved less than half a turn until then; in position mode it is in the turn of its range.
         """
         before, self._frame = self._frame, frame
         if before is None or not self._is_known:
@@ -142,7 +150,33 @@ class Placement:
             forgotten = round(int(frame.position[place] - before.position[place]) / counts)
             if forgotten:
                 found[place] = forgotten * counts
+        for place in np.flatnonzero(frame.valid & ~before.valid).tolist():
+            if self.configured.servos[place].units.mode is OperatingMode.POSITION:
+                turn = self._turn_of_range(place, int(frame.position[place]))
+                if turn is None:
+                    continue
+                if other := turn + self._homing[place] - self._shifts[place]:
+                    found[place] = other
         return found
+
+    def _turn_of_range(self, place: int, count: int) -> int | None:
+        """Return by how many counts a servo in position mode is in another turn than it counts.
+
+        After a start it counts within the turn of its encoder, which its range may go beyond: it can only be
+        within that range. Such a servo is not enabled, but its position is right. None: it has counted on
+        beyond that turn, and so has kept its power.
+        """
+        state = self._states[place]
+        servo = self.configured.servos[place]
+        family = servo.units.model.family
+        first, last = encoder_turn(state.values, family)
+        lower, upper = servo_range(servo.config)
+        if not first <= count <= last:
+            return None
+        for turn in (0, family.counts, -family.counts):
+            if lower <= servo.units.position(count - self._homing[place] - turn) <= upper:
+                return turn
+        return 0
 
     def has_forgotten(self, place: int, counts: int) -> None:
         """Take a servo as one that has forgotten turns, in counts."""
@@ -207,7 +241,7 @@ class Placement:
         """Take servos as counting otherwise than so far, by counts by place."""
         for place, shift in shifts.items():
             self._shifts[place] = self._shifts.get(place, 0) + shift
-        placed = self._configured.with_shifts(self._shifts)
+        placed = self.configured.with_shifts(self._shifts)
         self.chain = placed.with_registers([state.values for state in self._states])
 
     def _keep(self) -> None:

@@ -107,12 +107,11 @@ def obstacles(
         state, servo = link.states[place], link.chain.servos[place]
         if link.health[place].hardware_error and not servo.units.model.family.restarts:
             yield _lasting(link, place)
+        yield from _unfit(link, place, wanted)
         if wanted:
             torque = link.health[place].torque
             is_on = bool(state.values.get("torque_enable")) if torque is None else torque
             yield from _unwritable(link, place, wanted, config, torque=is_on)
-        else:
-            yield from _unfit(link, place)
 
 
 def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> Steps:
@@ -127,11 +126,10 @@ def set_up(link: ChainLink, places: Sequence[int], config: DynamixelConfig) -> S
         yield from _refresh(link, place)
         yield
         wanted = unset(link, place, config)
+        raise_first(_unfit(link, place, wanted))
         if wanted:
             yield from _write_eeprom(link, place, wanted, config)
             yield
-        # With the homing offset that may have been written, it is placed otherwise.
-        raise_first(_unfit(link, place))
 
 
 def unset(link: ChainLink, place: int, config: DynamixelConfig) -> dict[str, int]:
@@ -153,9 +151,10 @@ def unset(link: ChainLink, place: int, config: DynamixelConfig) -> dict[str, int
     }
 
 
-def _unfit(link: ChainLink, place: int) -> Iterator[TransitionFailed]:
-    """Yield what keeps a servo that is set up from doing what the configuration promises."""
-    found = registers.obstacles(link.chain.servos[place], link.states[place].values)
+def _unfit(link: ChainLink, place: int, wanted: Values) -> Iterator[TransitionFailed]:
+    """Yield what keeps a servo from what the configuration promises, once `wanted` is written."""
+    servo = link.placement.configured.servos[place]
+    found = registers.obstacles(servo, {**link.states[place].values, **wanted})
     if found:
         yield TransitionFailed("; ".join(found), where=link.address)
 
@@ -164,6 +163,7 @@ def _refresh(link: ChainLink, place: int) -> Steps:
     state = link.states[place]
     kept: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
     yield from _insist(lambda: link.refresh(state))
+    link.placement.has_other_registers(place)
     state.values.update(kept)  # what it had before it lost its power, if it did
 
 

@@ -16,7 +16,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.control_tables import ControlTable, Item
 from crtk_driver_dynamixel.joints import ChainServo, servo_range
 from crtk_driver_dynamixel.models import OperatingMode
-from crtk_driver_dynamixel.servo_state import position_limits
+from crtk_driver_dynamixel.servo_state import encoder_turn, position_limits
 
 REVERSE: Final = 0x01
 TIME_BASED: Final = 0x04
@@ -141,6 +141,8 @@ def obstacles(servo: ChainServo, read: Mapping[str, int]) -> tuple[str, ...]:
             f"is {low:.0f} to {high:.0f}: narrow lower and upper, or widen the limits in the servo "
             "(crtk-driver dynamixel limits)"
         )
+    elif is_limited:
+        found += _beyond_the_turn(servo, read, low, high)
     limit = servo.config.current_limit
     register = read.get("current_limit")
     unit = servo.units.model.current_unit
@@ -151,6 +153,29 @@ def obstacles(servo: ChainServo, read: Mapping[str, int]) -> tuple[str, ...]:
             "(crtk-driver dynamixel limits)"
         )
     return tuple(found)
+
+
+def _beyond_the_turn(
+    servo: ChainServo, read: Mapping[str, int], low: float, high: float
+) -> Iterator[str]:
+    """Yield that a range, in counts, goes over the end of the encoder's turn, where a servo would turn back.
+
+    The count at the end belongs to two turns, and may be in the range.
+    """
+    units = servo.units
+    first, last = encoder_turn(read, units.model.family)
+    if first - 1 <= low and high <= last + 1:
+        return
+    least, most = position_limits(read, units.model.family)
+    ends = max(low, first, least), min(high, last, most)
+    possible = " to ".join(f"{end:.4f}" for end in sorted(map(units.position, ends)))
+    homing = read.get("homing_offset", 0)
+    yield (
+        f"{servo.place} counts from {first} to {last} in position mode, with its Homing Offset (20) of "
+        f"{homing}, and its range is {low:.0f} to {high:.0f}: beyond, it would make a whole turn when it "
+        f"gets torque. Narrow lower and upper to {possible} rad, calibrate without --eeprom, or set mode to "
+        "extended_position"
+    )
 
 
 def _settings(

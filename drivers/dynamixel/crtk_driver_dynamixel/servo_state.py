@@ -60,6 +60,16 @@ def position_limits(values: Values, family: Family) -> tuple[int, int]:
     )
 
 
+def encoder_turn(values: Values, family: Family) -> tuple[int, int]:
+    """Return the first and last count of the turn that a servo knows in position mode.
+
+    With torque, after a change to position mode and after a start it counts within this turn, wherever it
+    counted before (e-manual of the X series, "Present Position(132)"). A homing offset moves the turn.
+    """
+    first = family.lowest + family.homing_in_force(values.get("homing_offset", 0))
+    return first, first + family.counts - 1
+
+
 @dataclass(slots=True)
 class ServoState:
     """One servo as it was found.

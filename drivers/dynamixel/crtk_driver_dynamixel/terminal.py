@@ -261,6 +261,11 @@ def calibrate(config: DynamixelConfig, options: CalibrateOptions) -> int:
         table.add_row(servo.joint, str(servo.id), str(servo.shift), str(servo.homing_offset))
     _OUT.print(table)
     _OUT.print(f"written: {path}", markup=False, soft_wrap=True)
+    try:
+        Chain.of(config, found)
+    except ConfigError as error:
+        why = f"The driver does not start with it yet: {error.message}. {error.remedy}"
+        _OUT.print(why, markup=False, soft_wrap=True)
     return 0
 
 

@@ -175,6 +175,7 @@ class Servo:
         gear: turns of the servo for one turn of the joint.
         offset: position of the joint at the servo's middle count, in rad.
         shift: counts by which calibration found that middle to be off (see `calibration`).
+        homing: what its homing offset adds to its counts in position mode, as far as it is known.
         torque_constant: N·m of the servo for one A; NaN for none.
         mode: in which positions are commanded; it decides which counts are allowed.
     """
@@ -186,13 +187,18 @@ class Servo:
     shift: int = 0
     torque_constant: float = math.nan
     mode: OperatingMode = OperatingMode.POSITION
+    homing: int = 0
 
     @property
     def goal_range(self) -> tuple[int, int]:
-        """Least and greatest count that a goal position may have in this mode."""
+        """Least and greatest count that a goal position may have in this mode.
+
+        In position mode a homing offset narrows it: counts wrap at the ends of the encoder's turn, which it
+        moves, and goals still have to lie within `Family.lowest` and `Family.highest`.
+        """
         family = self.model.family
         if self.mode is OperatingMode.POSITION:
-            return family.lowest, family.highest
+            return family.lowest + max(0, self.homing), family.highest + min(0, self.homing)
         return -family.turns, family.turns
 
     def position(self, count: float) -> float:

@@ -523,12 +523,12 @@ def test_the_first_enable_after_a_calibration_into_the_servo(tmp_path):
     """The range fits with the homing offset that this enable writes, and not without."""
     file = tmp_path / "calibration.yaml"
     model = "xm430-w350"
-    servo = ServoCalibration(joint="a", bus="main", id=1, model=model, homing_offset=-900)
+    servo = ServoCalibration(joint="a", bus="main", id=1, model=model, homing_offset=900)
     save_calibration(file, Calibration(servos=(servo,)))
-    joint = {"id": 1, "model": model, "lower": -2.4, "upper": 2.4}
+    joint = {"id": 1, "model": model, "lower": -1.6, "upper": 2.4}
     values = {**PATIENT, "joints": {"a": joint}, "calibration": str(file)}
     with sim_for(values) as sim:
-        place(sim, 1, 900 * COUNT)
+        place(sim, 1, -900 * COUNT)
         sim.control.call("write", id=1, address=52, data=(400).to_bytes(4, "little").hex())
         with driver_at(sim, values) as bench:
             bench.arm.enable(timeout=LONG)

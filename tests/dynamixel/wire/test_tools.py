@@ -131,6 +131,22 @@ def test_calibrate_keeps_by_how_much_the_joints_are_off(tty: str, tmp_path: Path
     assert run("calibrate", *arguments[:-1], "{b: 0.1}") == 2
 
 
+def test_calibrate_says_what_the_driver_refuses(
+    tty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A homing offset of -98 ends the turn at count 3997, which is 2.990 rad."""
+    path, out = tmp_path / "arm.yaml", tmp_path / "calibration.yaml"
+    joint = {"id": 3, "model": "xm430-w350", "lower": -2.9, "upper": 3.0}
+    path.write_text(yaml.safe_dump({"port": tty, "joints": {"a": joint}}))
+    arguments = ("--config", str(path), "--no-ask", "--out", str(out), "--at")
+    for more in ((), ("--eeprom",)):
+        assert run("calibrate", *arguments, "{a: 0.15}", *more) == 0
+        assert "does not start" not in capsys.readouterr().out
+    assert run("calibrate", *arguments, "{a: -0.15}", "--eeprom") == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "The driver does not start with it yet: the range of joint a (servo 3 on main)" in told
+
+
 LIMITED = {
     "id": 3,
     "model": "xm430-w350",
