@@ -7,14 +7,21 @@ import time
 from typing_extensions import override
 
 from bench.reliability.common import UNMOVED, UnmovedRig, passing
+from bench.reliability.disturbed import DisturbedDevice
 from bench.reliability.rig import HELD_UP, SLACK
 from bench.reliability.table import Absent, Follows, Way
 from crtk_driver_ndi import PLUGIN
+from crtk_driver_ndi.device import NdiDevice
 from crtk_sim_backends.ndi import SIM
 
 SAMPLES = 1.0
 """`sample_timeout` of tests, s."""
 TCP = {"port": "tcp"}
+_OUT = {"port": "tcp", "direction": "out"}
+RATE = 60.0
+"""Of the simulated Vega, Hz."""
+YOUNGER = 1.0 / RATE + 0.02
+"""Seconds by which a stamp may be too young: a period, and what a busy machine takes."""
 
 WAYS = (
     Way("F1", "the connection is closed", kind="disconnect", parameters=TCP),
@@ -28,6 +35,8 @@ WAYS = (
     passing("F5", "a component of an unknown type", "strange"),
     Way("F5", "every reply is damaged", kind="damage", parameters={"every": 1}, within=SAMPLES),
     Way("F5", "a reply that says it has 4 GiB", kind="hostile_length", within=SAMPLES),
+    passing("F8", "replies are held back by 50 ms, from mid-stream", "delay", seconds=0.05, **_OUT),
+    passing("F8", "replies are held back by 0.3 s, from mid-stream", "delay", seconds=0.3, **_OUT),
     Way("F9", "it is reset", kind="reset", detail="reset"),
     Way("F12", "ERROR1A", kind="error", parameters={"command": "BX2"}, detail="ERROR1A"),
     Way(
@@ -43,7 +52,6 @@ WAYS = (
 ABSENT = (
     Absent("F6", "one reply has all tools"),
     Absent("F7", "over TCP it is F1; over a serial line it is the kit's, as with DYNAMIXEL"),
-    Absent("F8", "TCP loses, doubles and turns round nothing"),
     Absent("F10", "no CAN"),
     Absent("F11", "no heartbeat but the replies, F2"),
     Absent("F13", "no safety system"),
@@ -69,10 +77,25 @@ class NdiRig(UnmovedRig):
 
     @override
     def check_stamps(self) -> None:
-        """Promise 4, of what its tools tell."""
+        """Promise 4, of what its tools tell, and by when the simulator took the frames."""
+        self._check_frame()
         for name, engine in self.driver.children.items():
             found = engine.feedback("measured_cp")
             if found is not None and found[1].wall_ns:
                 age = time.monotonic() - found[1].monotonic
                 fresh = age < engine.options.sample_timeout + SLACK
                 self.require(fresh, f"{name} is stamped as valid, but is {age:.3f} s old")
+
+    def _check_frame(self) -> None:
+        around = self.driver.engine.device
+        assert isinstance(around, DisturbedDevice)
+        device = around.inner
+        assert isinstance(device, NdiDevice)
+        stream, sim = device.stream, self.sim
+        if stream is None or sim is None or stream.newest is None:
+            return
+        newest, stamp = stream.newest, stream.stamp
+        told = sim.control.status()
+        if told["mode"] == "tracking":
+            younger = stamp.monotonic - (told["origin"] + newest.number / RATE)
+            self.require(younger < YOUNGER, f"a frame is stamped {younger:.3f} s too young")

@@ -26,6 +26,9 @@ SHORTEST: Final = 1e-3
 LONGEST: Final = 0.2
 """Seconds from one frame to the next that are believed."""
 
+APART: Final = 1e-4
+"""Seconds between the stamps of two frames at least: a line that moves back would give them one."""
+
 
 class FrameStream:
     """The frames of one tracker, from one start of tracking on.
@@ -40,6 +43,7 @@ class FrameStream:
         newest: the newest frame; None before the first.
         stamp: when it was taken.
         frames, repeated, lost: frames told, replies without a new one, and frames that were never seen.
+        reply_time: seconds from the last question to its reply.
     """
 
     def __init__(self, rate: float, kind: str, parsers: Parsers = PARSERS) -> None:
@@ -48,6 +52,7 @@ class FrameStream:
         self.newest: Frame | None = None
         self.stamp = Stamp(0, 0.0)
         self.frames = self.repeated = self.lost = 0
+        self.reply_time = 0.0
         self._period = 1.0 / rate
         self._clock = ClockFit()
         self._wall = WallClock()
@@ -58,13 +63,23 @@ class FrameStream:
         """Monotonic seconds at which to ask next."""
         return self._due
 
-    def take(self, reply: Reply, arrival: float) -> bool:
-        """Take a reply that arrived at a monotonic time; return whether it has a new frame.
+    def take(self, reply: Reply, asked: float, arrival: float) -> bool:
+        """Take a reply; return whether it has a new frame.
+
+        Its time is found by when it was asked for, not by when the reply came: a link may hold replies back,
+        all by the same time too. The tracker answers with its newest frame after it was asked, and those that
+        are asked for as soon as they are there show when that is.
+
+        Args:
+            reply: the reply.
+            asked: monotonic seconds at which its question was sent.
+            arrival: monotonic seconds at which the reply came.
 
         Raises:
             ValueError: it is no frame.
         """
         frame = self._parse(reply)
+        self.reply_time = arrival - asked
         before = self.newest.number if self.newest is not None else -1
         if frame.number < 0 or frame.number == before:
             self.repeated += 1
@@ -76,8 +91,9 @@ class FrameStream:
             self.lost += frame.number - before - 1
             self._learn_period(self.newest, frame)
         ticks = frame.nanoseconds or frame.number
-        (taken,) = self._clock.stamp(np.array([ticks]), np.array([arrival])).tolist()
-        self.stamp = Stamp(round(taken * 1e9) + self._wall.offset(), taken)
+        (taken,) = self._clock.stamp(np.array([ticks]), np.array([asked])).tolist()
+        stamp = max(taken, self.stamp.monotonic + APART)
+        self.stamp = Stamp(round(stamp * 1e9) + self._wall.offset(), stamp)
         self.newest = frame
         self.frames += 1
         early = EARLY if self.frames % PROBED else PROBE
@@ -103,6 +119,7 @@ class FrameStream:
             "lost": float(self.lost),
             "frame_rate": 1.0 / self._period if self._clock.locked else 0.0,
             "clock_locked": float(self._clock.locked),
+            "reply_time": self.reply_time,
             "jitter_p50": p50,
             "jitter_p99": p99,
             "jitter_max": most,

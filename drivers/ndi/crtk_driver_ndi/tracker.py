@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 import time
 from collections.abc import Generator, Mapping
 from typing import Final
@@ -47,6 +48,12 @@ _RESET: Final = frozenset({0x0E, 0x10})
 _HANDLES: Final = "PHSR:00"
 _FRAME: Final = "frame"
 _REQUEST: Final = "request"
+_MARK: Final = "APIREV:"
+"""Asked after a reply was missed: what comes before its answer answers an older question. Nothing else is
+answered in this way."""
+_MARK_ANSWER: Final = re.compile(r"\w\.\d")
+_UNKNOWN_COMMAND: Final = 0x01
+"""How a tracker answers `_MARK` that is too old to know it."""
 
 
 class Tracker:
@@ -77,6 +84,8 @@ class Tracker:
         self._damaged = self._surplus = 0
         self._doubts = 0
         """Questions before which a reply that was missed may still come, or that to the one after it."""
+        self._missed = False
+        """Whether a reply was missed, and no answer to `_MARK` has come since."""
         self._known: frozenset[int] = frozenset()
 
     @property
@@ -127,6 +136,7 @@ class Tracker:
             raise
         self._known = frozenset(known)
         self._damaged, self._doubts, self._asked, self._request = 0, 0, "", ""
+        self._missed = False
         self.condition = Condition()
         self.prepared = prepared
         self._link.is_ready = True
@@ -170,7 +180,7 @@ class Tracker:
                     return True
             elif self._asked not in ("", _REQUEST) and now > self._asked_at + REPLY:
                 self._link.forget()
-                self._asked, self._doubts = "", 2
+                self._asked, self._doubts, self._missed = "", 2, True
             if now >= deadline:
                 if self._asked == _REQUEST:  # which has a bound of its own
                     self.alive = now
@@ -200,7 +210,7 @@ class Tracker:
 
     def _bounded(self, text: str, deadline: float) -> Generator[None, None, None]:
         if time.monotonic() > deadline:
-            self._asked = ""
+            self._asked, self._missed = "", True
             raise TransitionFailed(
                 f"no answer to {text}", where=self.address, remedy="Look at the tracker's lights."
             )
@@ -222,6 +232,8 @@ class Tracker:
         self._drop_surplus()
         if self._request:
             self._asked, text = _REQUEST, self._request
+        elif self._missed:
+            self._asked = text = _MARK
         elif self.stream is not None:
             self._asked, text = _FRAME, self.stream.question
         else:
@@ -266,8 +278,14 @@ class Tracker:
 
     def _take(self, reply: Reply, now: float) -> bool:
         """Take a reply; return whether it is what was waited for."""
-        asked, self._asked = self._asked, ""
+        asked = self._asked
         self._check_reset(reply, asked)
+        if asked in (_MARK, _FRAME) and _is_mark_answer(reply) is not (
+            asked == _MARK
+        ):  # a late one
+            self._surplus += 1
+            return False
+        self._asked = ""
         try:
             is_new = self._understand(asked, reply, now)
         except ValueError as error:
@@ -280,6 +298,9 @@ class Tracker:
     def _understand(self, asked: str, reply: Reply, now: float) -> bool:
         if asked == _REQUEST:
             self._request, self._answer = "", reply
+        elif asked == _MARK:
+            self._missed = False
+            return self.stream is None  # no new frame
         elif reply.error is not None:
             self._stopped(reply.error)
         elif reply.warning is not None:
@@ -287,7 +308,7 @@ class Tracker:
         elif asked == _HANDLES:
             self._check_handles(frozenset(handles_of(reply.text)))
         elif asked == _FRAME and self.stream is not None:
-            return self.stream.take(reply, now)
+            return self.stream.take(reply, self._asked_at, now)
         return True
 
     def _stopped(self, code: int) -> None:
@@ -308,3 +329,9 @@ class Tracker:
                 where=self.address,
                 remedy="The driver initialises the tools again.",
             )
+
+
+def _is_mark_answer(reply: Reply) -> bool:
+    if reply.error is not None:
+        return reply.error == _UNKNOWN_COMMAND
+    return not reply.body and _MARK_ANSWER.match(reply.text) is not None

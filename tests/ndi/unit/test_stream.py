@@ -12,6 +12,11 @@ from crtk_drivers.kit import BadData
 RATE = 60.0
 
 
+def take(stream: FrameStream, reply: Reply, at: float, held_back: float = 0.0) -> bool:
+    """Let a question be answered at once, and its reply come so much later."""
+    return stream.take(reply, at, at + held_back)
+
+
 def bx(number: int) -> Reply:
     return Reply(body=struct.pack("<BBBIIH", 1, 1, 2, 0x31, number, 0))
 
@@ -25,7 +30,7 @@ def bx2(number: int, nanoseconds: int) -> Reply:
 
 def test_a_frame_is_told_once_and_those_that_were_missed_are_counted() -> None:
     stream = FrameStream(RATE, "BX")
-    assert [stream.take(bx(number), 1.0 + number / RATE) for number in (3, 3, 4, 7)] == [
+    assert [take(stream, bx(number), 1.0 + number / RATE) for number in (3, 3, 4, 7)] == [
         True,
         False,
         True,
@@ -36,16 +41,16 @@ def test_a_frame_is_told_once_and_those_that_were_missed_are_counted() -> None:
 
 def test_the_next_is_asked_for_a_little_early_and_then_again_and_again() -> None:
     stream = FrameStream(RATE, "BX")
-    stream.take(bx(0), 10.0)
+    take(stream, bx(0), 10.0)
     assert stream.due == pytest.approx(10.0 + 0.95 / RATE)
-    stream.take(bx(0), 10.015)
+    take(stream, bx(0), 10.015)
     assert stream.due == pytest.approx(10.015 + 0.02 / RATE)
 
 
 def test_now_and_then_one_is_asked_for_much_earlier_to_see_when_it_is_there() -> None:
     stream, early = FrameStream(RATE, "BX"), []
     for number in range(16):
-        stream.take(bx(number), 10.0 + number / RATE)
+        take(stream, bx(number), 10.0 + number / RATE)
         early.append(10.0 + (number + 1) / RATE - stream.due)
     assert early == pytest.approx(2 * (7 * [0.05 / RATE] + [0.5 / RATE]))
 
@@ -54,8 +59,8 @@ def test_after_one_that_came_late_the_next_is_asked_for_in_time() -> None:
     """By when it was taken, not by when it came."""
     stream = FrameStream(RATE, "BX")
     for number in range(60):
-        stream.take(bx(number), 10.0 + number / RATE)
-    stream.take(bx(60), 11.0 + 0.6 / RATE)
+        take(stream, bx(number), 10.0 + number / RATE)
+    take(stream, bx(60), 11.0 + 0.6 / RATE)
     assert stream.due == pytest.approx(11.0 + 0.95 / RATE)
 
 
@@ -68,7 +73,7 @@ def test_stamps_are_those_of_the_frames_and_not_of_their_late_arrivals(with_time
         taken = 100.0 + number / RATE * (1.0 + 50e-6)
         late = 0.0 if number % 5 == 0 else random.uniform(0.0, 0.01)
         reply = bx2(number, 5_000_000_000 + round(number / RATE * 1e9)) if with_time else bx(number)
-        assert stream.take(reply, taken + late)
+        assert take(stream, reply, taken + late)
         errors.append(stream.stamp.monotonic - taken)
     assert np.abs(errors[600:]).max() < 0.5e-3
     assert stream.counters["jitter_p99"] > 5e-3
@@ -79,7 +84,7 @@ def test_stamps_never_go_back_nor_are_later_than_the_arrival() -> None:
     stream, before = FrameStream(RATE, "BX"), -np.inf
     for number in range(300):
         arrival = 100.0 + number / RATE + random.exponential(2e-3)
-        stream.take(bx(number), arrival)
+        take(stream, bx(number), arrival)
         assert before <= stream.stamp.monotonic <= arrival
         before = stream.stamp.monotonic
 
@@ -88,8 +93,8 @@ def test_a_count_that_begins_anew_is_followed() -> None:
     """Another client has started tracking."""
     stream = FrameStream(RATE, "BX")
     for number in range(60):
-        stream.take(bx(number), 1.0 + number / RATE)
-    assert stream.take(bx(0), 2.0)
+        take(stream, bx(number), 1.0 + number / RATE)
+    assert take(stream, bx(0), 2.0)
     assert stream.stamp.monotonic == 2.0
     assert stream.lost == 0
 
@@ -100,10 +105,27 @@ def test_a_tracker_slower_than_its_family_is_asked_less_often(
 ) -> None:
     stream = FrameStream(RATE, "BX2")
     for number in range(3):
-        stream.take(bx2(number, 10**18 + round(number * period * 1e9)), 1.0 + number * period)
+        take(stream, bx2(number, 10**18 + round(number * period * 1e9)), 1.0 + number * period)
     assert stream.due == pytest.approx(1.0 + 2 * period + 0.95 * believed)
 
 
 def test_what_is_no_frame_is_refused() -> None:
     with pytest.raises(BadData):
-        FrameStream(RATE, "BX").take(Reply("OKAY"), 1.0)
+        FrameStream(RATE, "BX").take(Reply("OKAY"), 1.0, 1.0)
+
+
+@pytest.mark.parametrize("begins", [0, 120])
+@pytest.mark.parametrize("late", [0.1, 0.3])
+def test_replies_held_back_are_not_stamped_younger(late: float, begins: int) -> None:
+    """From the beginning or in mid-stream, all by the same time; one question at a time."""
+    stream, at, asked = FrameStream(RATE, "BX"), 100.0, 0
+    while at < 130.0:
+        number = int((at - 100.0) * RATE)
+        held_back = late if number >= begins else 1e-4
+        take(stream, bx(number), at, held_back)
+        asked += 1
+        assert stream.stamp.monotonic <= at
+        assert stream.stamp.monotonic - (100.0 + number / RATE) < 1.0 / RATE
+        assert stream.counters["reply_time"] == pytest.approx(held_back)
+        at = max(at + held_back, stream.due)
+    assert asked > 90

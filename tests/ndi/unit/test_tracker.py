@@ -11,6 +11,7 @@ import pytest
 
 from crtk_driver_ndi.codec import command
 from crtk_driver_ndi.config import NdiConfig
+from crtk_driver_ndi.stream import FrameStream
 from crtk_driver_ndi.tracker import Tracker
 from crtk_drivers.errors import ConnectionLost
 from rigs.waiting import LONG
@@ -61,3 +62,30 @@ def test_that_it_was_reset_is_heard_before_a_question(talk: tuple[Tracker, socke
     say(talk, "RESET")
     with pytest.raises(ConnectionLost, match="was reset"):
         tracker.read(time.monotonic())
+
+
+def test_a_missed_frame_answers_no_later_question(
+    talk: tuple[Tracker, socket.socket], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A link holds replies back for longer than they are waited for."""
+    monkeypatch.setattr("crtk_driver_ndi.tracker.REPLY", 0.1)
+    tracker, peer = talk
+    tracker.stream = FrameStream(60.0, "TX")
+    tracker.read(time.monotonic() + 0.15)
+    asked = peer.recv(200)
+    assert asked.startswith(command("TX:0801"))
+    if not asked.endswith(command("APIREV:")):
+        tracker.read(time.monotonic() + 0.05)
+        assert peer.recv(100) == command("APIREV:")
+    say(talk, "010AMISSING0000003100000003\n0000")
+    assert not tracker.read(time.monotonic() + 0.05)
+    assert tracker.stream.newest is None
+    say(talk, "D.001.004")
+    assert not tracker.read(time.monotonic() + 0.05)
+    assert peer.recv(100).endswith(command("TX:0801"))
+    say(talk, "010AMISSING0000003100000007\n0000")
+    before = time.monotonic()
+    assert tracker.read(soon())
+    assert tracker.stream.newest is not None
+    assert tracker.stream.newest.number == 7
+    assert tracker.stream.stamp.monotonic < before

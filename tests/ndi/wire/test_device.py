@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -190,6 +191,46 @@ def test_stamps_are_those_of_the_frames(vega: RunningSim, replies: str) -> None:
             return abs(stamp.monotonic - (origin + newest.number / rate)) < 0.25 / rate
 
         eventually(is_of_its_frame, "a stamp of the frame, once answers have come in time")
+
+
+@pytest.mark.parametrize("begins", ["before it tracks", "in mid-stream"])
+@pytest.mark.parametrize(
+    ("replies", "direction", "seconds"),
+    [("BX2", "out", 0.1), ("TX", "out", 0.3), ("BX", "in", 0.1)],
+)
+def test_late_replies_are_not_stamped_fresh(
+    vega: RunningSim, replies: str, begins: str, direction: str, seconds: float
+) -> None:
+    """By the simulator's own time of each frame, while a link holds all back by the same time."""
+    period = 1.0 / 60.0
+    with ndi_bench(vega, tools=WIRED, replies=replies) as bench:
+
+        def hold_back() -> None:
+            vega.control.inject("delay", seconds=seconds, direction=direction)
+
+        if begins == "before it tracks":
+            hold_back()
+        bench.front.enable()
+        if begins == "in mid-stream":
+            eventually(lambda: bench.counters["frames"] > 60.0, "a second")
+            hold_back()
+            eventually(lambda: bench.counters["reply_time"] > seconds, "a late reply")
+        tracker = bench.session.engine.device
+        assert isinstance(tracker, NdiDevice)
+        assert tracker.stream is not None
+        stream, origin = tracker.stream, vega.control.status()["origin"]
+        younger, first = [], stream.frames
+        seen = first
+        while seen < first + 2.0 / seconds:
+            found, count = _together(stream), stream.frames
+            if found is not None and count > seen:
+                seen, (newest, stamp) = count, found
+                younger.append(stamp.monotonic - (origin + newest.number * period))
+            time.sleep(0.002)
+        assert len(younger) > 1.0 / seconds
+        assert max(younger) < period + 0.02
+        assert min(younger) > -seconds - period - 0.02
+        vega.control.clear()
 
 
 def _together(stream: FrameStream) -> tuple[Frame, Stamp] | None:
