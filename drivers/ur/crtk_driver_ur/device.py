@@ -248,7 +248,7 @@ class UrDevice(Device):
         counters = {
             **self._link.counters,
             "servo lag (s)": self._lag.seconds,
-            "state age (s)": self._link.lateness,
+            "state age (s)": self._age,
         }
         if stream is not None:
             packages = stream.counters
@@ -314,9 +314,19 @@ class UrDevice(Device):
         return self._robot.state
 
     @property
+    def _age(self) -> float:
+        """How old the newest state may have been when it came, s; 0 where that is not known.
+
+        By what answers on its own connection, and by what the control program has seen: the less is true.
+        """
+        stream, state = self._stream, self._robot.state
+        by_stream = 0.0 if stream is None or state is None else stream.age(state)
+        return min((age for age in (by_stream, self._link.lateness) if age > 0.0), default=0.0)
+
+    @property
     def _late(self) -> float:
         """How old the newest state may have been when it came, s; 0 as long as that is as usual."""
-        stream, late = self._stream, self._link.lateness
+        stream, late = self._stream, self._age
         periods = 0.0 if stream is None else LATE_PERIODS / stream.frequency
         return late if late > max(LATE_AFTER, periods) else 0.0
 

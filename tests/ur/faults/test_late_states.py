@@ -1,6 +1,6 @@
 """A network that delivers everything, but late: what is measured is stamped as old as it may be.
 
-The driver's own control program tells which packages it has seen; see `crtk_driver_ur.native.echoes`.
+Answers to requests, and the control program, tell what a state was made after: `crtk_driver_ur.rtde.echoes`.
 """
 
 import threading
@@ -70,6 +70,25 @@ def test_states_that_come_late_are_stamped_as_old_as_they_are(late):
     bench.arm.servo_cf(PUSH)
     eventually(lambda: bench.log.refusals, "efforts are refused")
     assert bench.log.refusals[0].reason is Reason.NOT_MEASURED
+    proxy.clear()
+    eventually(lambda: is_valid(bench), "they are valid again")
+
+
+@pytest.mark.parametrize("begins", ["in mid-stream", "before it connects"])
+def test_late_states_are_not_fresh_while_disabled(late, begins):
+    """No program of ours runs on the controller, which could tell what it has seen."""
+    bench, proxy = late
+    bench.arm.disable(timeout=LONG)
+    eventually(lambda: is_valid(bench), "they are valid at first")
+    proxy.lag[False] = LATE
+    if begins == "before it connects":
+        before = bench.device._stream
+        before.close()
+        eventually(lambda: bench.device._stream not in (None, before), "connected again")
+    eventually(lambda: is_told(bench) and not is_valid(bench), "they do not count")
+    for _ in range(10):
+        assert -LENIENT < younger(bench, proxy) <= TICK
+        bench.cycles(1)
     proxy.clear()
     eventually(lambda: is_valid(bench), "they are valid again")
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ur.native.echoes import CLOCK_ERROR, KEPT, MOST_NUMBERS, Echoes
+from crtk_driver_ur.rtde.echoes import CLOCK_ERROR, KEPT, MOST_NUMBERS, Echoes
 
 BOOT = 1000.0
 """Monotonic seconds at which the controller's clock began."""

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from crtk_driver_ur.native.echoes import Echoes
 from crtk_driver_ur.native.program import (
     FEED,
     MOTION,
@@ -17,6 +16,7 @@ from crtk_driver_ur.native.program import (
     Kind,
     Setting,
 )
+from crtk_driver_ur.rtde.echoes import Echoes
 from crtk_driver_ur.rtde.inputs import RtdeInputs
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 

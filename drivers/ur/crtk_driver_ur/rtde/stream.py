@@ -33,6 +33,7 @@ from crtk_driver_ur.rtde.codec import (
     TextMessage,
     VersionReply,
 )
+from crtk_driver_ur.rtde.echoes import Echoes
 from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.rtde.variables import IN_USE, NOT_FOUND, OPTIONAL_OUTPUTS, OUTPUTS
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
@@ -42,6 +43,11 @@ __all__ = ["RTDE_PORT", "RtdeStream", "StreamCounters"]
 RTDE_PORT = 30004
 MALFORMED_IN_A_ROW = 3
 """So many broken packages one after the other end the connection."""
+
+ASK_AGAIN = 0.1
+"""Seconds from one question, whose answer shows how old states are, to the next."""
+UNANSWERED = 5.0
+"""Seconds after which no answer comes any more; how old states are is not known then."""
 
 _RECEIVE_SIZE = 16384
 _RECEIVES_AT_ONCE = 64
@@ -67,7 +73,10 @@ class StreamCounters:
 
 
 class RtdeStream:
-    """One connection to the controller's real-time data exchange; it only listens.
+    """One connection to the controller's real-time data exchange; it listens.
+
+    While it does, it asks for the controller's version again and again. Packages and answers come in the
+    order in which they were made: a package behind an answer was made after its question was sent.
 
     The object is used once: open, receive until it fails or is not wanted any more, close. `open` and
     `receive` belong to one thread; `close` may be called from any, also while they wait.
@@ -118,6 +127,11 @@ class RtdeStream:
         self._held = 0  # packages since the last sample
         self._passed: set[int] = set()
         self._early: list[DataPackage] = []
+        self._echoes = Echoes()
+        self._asked = 0  # number of the question that is not answered yet
+        self._answered = 0  # of that whose answer no package has followed yet
+        self._asked_at = -math.inf
+        self._cycle = 0.0
         self._timestamp: float | None = None
         self._malformed_row = 0
         self._counters = StreamCounters()
@@ -152,6 +166,10 @@ class RtdeStream:
     def counters(self) -> StreamCounters:
         """What happened so far."""
         return replace(self._counters)
+
+    def age(self, state: StateSample) -> float:
+        """Return how old a state may have been when it was received, s; 0 where that is not known."""
+        return self._echoes.age(state.received, state.timestamp)
 
     def open(self, deadline: float) -> None:
         """Connect, agree on version and variables, and start the stream.
@@ -196,6 +214,7 @@ class RtdeStream:
             if self._socket is None:
                 raise self._closed()
             while True:
+                self._ask_for_age()
                 if not self._early and not self._wait(select.POLLIN, deadline):
                     return None
                 newest, count = self._read_packages()
@@ -278,12 +297,13 @@ class RtdeStream:
         base = 500.0 if self._controller_version.major >= 5 else 125.0
         wanted = min(self._wanted_frequency or base, base)
         # The controller sends on every n-th of its cycles.
-        self._frequency = base
+        self._frequency, self._cycle = base, 1.0 / base
         if self._decoder.protocol_version > 1:
             self._frequency = base / math.floor(base / wanted)
         if self._sees_all:
             self._every, wanted = round(base / self._frequency), base
         self._setup(wanted, deadline)
+        self._answered = self._echoes.leaves(self._clock())
         reply_to_start = self._ask(codec.encode_start(), StateReply, "start", deadline)
         if not reply_to_start.accepted:
             raise ConnectionFailed(
@@ -369,6 +389,34 @@ class RtdeStream:
                         remedy="Check that this is the real-time data exchange of a UR controller.",
                     )
 
+    def _ask_for_age(self) -> None:
+        """Send the question that shows how old packages are, if it is time and the last one is answered."""
+        now = self._clock()
+        if now < self._asked_at + (UNANSWERED if self._asked else ASK_AGAIN):
+            return
+        if self._asked:
+            self._echoes.begin()
+        try:
+            cast(socket.socket, self._socket).sendall(codec.encode_controller_version())
+        except BlockingIOError:  # nothing goes out: the packages will tell
+            self._asked_at = now
+        except OSError as error:
+            raise self._lost(error) from error
+        else:
+            self._asked, self._asked_at = self._echoes.leaves(now), now
+
+    def _take_answers(self, messages: Sequence[Message]) -> None:
+        """See in messages that came in this order which of them answer a question."""
+        for message in messages:
+            if isinstance(message, ControllerVersion):
+                self._answered, self._asked = self._asked, 0
+            elif isinstance(message, DataPackage) and self._answered:
+                # Its time may be that at which the cycle began in which the question came.
+                made = self._group(message.flat())[0] + self._cycle
+                if math.isfinite(made):
+                    self._echoes.take(self._answered, made)
+                    self._answered = 0
+
     def _wait(self, events: int, deadline: float) -> bool:
         """Wait for the socket until the deadline, or for `wake` or `close`; return whether it is ready."""
         peer = cast(socket.socket, self._socket)
@@ -445,7 +493,9 @@ class RtdeStream:
     def _read_packages(self) -> tuple[DataPackage | None, int]:
         """Return the newest data package that has arrived, and how many there were."""
         packages, self._early = self._early, []
-        packages += [message for message in self._read() if isinstance(message, DataPackage)]
+        messages = [*packages, *self._read()]
+        self._take_answers(messages)
+        packages = [message for message in messages if isinstance(message, DataPackage)]
         for package in packages[:-1]:
             flat = package.flat()
             if name := package.recipe.nonsense(flat):
@@ -478,6 +528,8 @@ class RtdeStream:
         count, self._held = count + self._held, 0
         passed, self._passed = tuple(self._passed), set()
         restarted = steps < 0
+        if restarted:
+            self._echoes.begin()
         lost = 0 if restarted else max(0, steps - count)
         skipped = max(0, count // self._every - 1)
         counters.skipped += skipped

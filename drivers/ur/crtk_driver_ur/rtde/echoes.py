@@ -1,9 +1,9 @@
 """How old a state of the controller may be, by the packages that it is an answer to.
 
 A network that holds packages back delivers states one after the other, as they were made, but late: neither
-their arrival nor the controller's time stamps, which come from another clock, show it. Each package to the
-control program has a number, and each state says which of them the program has seen: it was made after
-that package had left.
+their arrival nor the controller's time stamps, which come from another clock, show it. What is sent to the
+controller has a number here, and a state that answers it was made after it had left: one that comes behind
+the reply to a request on its connection, or that names the package which the control program has seen.
 """
 
 from __future__ import annotations
