@@ -11,6 +11,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -55,6 +56,9 @@ LEAST_LISTENING: Final = 0.1
 ASIDE: Final = 0.05
 """Seconds for the I/O thread to end what it is sending, before another one tells the drives to stop."""
 
+PROBED: Final = 0.2
+"""Seconds from one question to the next to a node that owes answers to SYNCs: are they lost, or held back?"""
+
 COLLECT: Final = 0.6
 """Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
 
@@ -81,6 +85,9 @@ class ArmLink:
         self.outputs = Outputs(len(config.joints))
         self.axes: list[Axis] = []
         self.stamp = Stamp(0, 0.0)
+        """Of the newest SYNC."""
+        self.sampled = Stamp(0, 0.0)
+        """Of the newest SYNC that all drives have answered: what they told last is of that time."""
         self.restarted: set[int] = set()
         """Nodes that have started anew since they were set up."""
         self._master: Master | None = None
@@ -97,6 +104,7 @@ class ArmLink:
         self.held: frozenset[str] = frozenset()
         """Joints that had power when they were found, and have been left holding."""
         self._tardy: list[int] = []
+        self._probed: dict[int, float] = {}
         self.targets: list[PositionTarget] = []
         """The positions that the drives are really sent."""
         self.whereabouts: list[Whereabouts] = []
@@ -386,6 +394,7 @@ class ArmLink:
             return False
         now = time.monotonic()
         self.stamp = Stamp(time.time_ns(), now)
+        self._probe(now)
         collected = now + COLLECT * period
         if self.jobs.running:
             complete = self.cycle.collect(collected, JOB_SLICE)
@@ -395,6 +404,8 @@ class ArmLink:
         self._tardy = [
             count + 1 if age else 0 for count, age in zip(self._tardy, self.cycle.ages, strict=True)
         ]
+        answered = self.cycle.answers.time
+        self.sampled = Stamp(self.stamp.wall_ns - round(1e9 * (now - answered)), answered)
         if self.counters.foreign_syncs != self._foreign_syncs:
             self._foreign_syncs = self.counters.foreign_syncs
             self.foreign.note(SYNC_TEXT, now)
@@ -408,6 +419,15 @@ class ArmLink:
                 self._note_home_lost(event.node)
         self._locate(now)
         return complete and not any(each.strange for each in self.whereabouts)
+
+    def _probe(self, now: float) -> None:
+        """Ask the nodes that owe answers to SYNCs something else, whose answer comes behind them."""
+        answers = self.cycle.answers
+        for node in answers.owing:
+            if now >= self._probed.get(node, 0.0) + PROBED:
+                answered = partial(answers.settle, node, answers.number)
+                if self.master.sdo(node).probe(answered):
+                    self._probed[node] = now
 
     def _locate(self, now: float) -> None:
         """Take where the drives say that they are, of those that have told."""

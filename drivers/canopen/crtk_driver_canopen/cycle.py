@@ -15,6 +15,7 @@ from typing import Final, Protocol
 
 import can
 
+from crtk_driver_canopen.answers import SyncAnswers
 from crtk_driver_canopen.bus import CanLink
 from crtk_driver_canopen.bus_state import bus_lost, condition_of_error
 from crtk_driver_canopen.frames import Frame
@@ -204,6 +205,7 @@ class Cycle:
         counters: see `CycleCounters`.
         ages: of each TPDO, the cycles since it last came: 0 in the cycle in which it did.
         received: of each TPDO, monotonic seconds at which it last came; 0 before.
+        answers: which SYNC the TPDOs answer.
 
     Raises:
         ConfigError: two PDOs have one COB-ID, or one has that of something else.
@@ -225,6 +227,12 @@ class Cycle:
         # Those that come with every SYNC are waited for, the others taken when they come.
         self._every = tuple(pdo.transmission == 1 for pdo in tpdos.pdos)
         self._open: set[int] = set()
+        self.answers = SyncAnswers(
+            [
+                pdo.node if every else None
+                for pdo, every in zip(tpdos.pdos, self._every, strict=True)
+            ]
+        )
 
     def start(self) -> None:
         """Forget what was received before, and let SYNCs begin.
@@ -235,6 +243,7 @@ class Cycle:
         self.ages = [0] * len(self.tpdos)
         self._seen = [False] * len(self.tpdos)
         self._open.clear()
+        self.answers.start()
         self.sync.start()
 
     def stop(self) -> None:
@@ -268,6 +277,8 @@ class Cycle:
         else:
             self._drain()
             begun = self.sync.send()
+            if begun:
+                self.answers.sync(time.monotonic())
         if begun:
             self.counters.cycles += 1
             self.ages = [age + 1 for age in self.ages]
@@ -359,6 +370,8 @@ class Cycle:
     def _is_our_sync(self, frame: Frame, now: float, *, awaited: bool = False) -> bool:
         ours = self.sync.is_ours(frame, now, awaited)
         self.counters.foreign_syncs += not ours
+        if ours:
+            self.answers.sync(now)
         return ours
 
     def _drain(self) -> None:
@@ -386,6 +399,7 @@ class Cycle:
             data = data[:size]
         self._data[slot] = data
         self._seen[slot] = True
+        self.answers.take(slot)
         self.ages[slot] = 0
         self.received[slot] = now
         if late:

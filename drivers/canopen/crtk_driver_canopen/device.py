@@ -205,7 +205,7 @@ class CanopenDevice(Device):
         values: dict[str, Value] = {"measured_js": state}
         if self._motion.setpoint is not None:
             values["setpoint_js"] = JointState(position=self._motion.setpoint)
-        return Sample(link.stamp, values)
+        return Sample(link.sampled, values)
 
     def _state(self) -> JointState:
         link, units = self.link, self.link.units

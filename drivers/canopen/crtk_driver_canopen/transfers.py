@@ -13,6 +13,7 @@ from typing import Any, Final, Protocol
 
 from crtk_driver_canopen.bus import CanLink
 from crtk_driver_canopen.bus_state import Condition, bus_lost
+from crtk_driver_canopen.frames import Frame
 from crtk_driver_canopen.objects import object_text
 from crtk_driver_canopen.sdo import aborted, silent
 from crtk_drivers.errors import ConnectionLost, CrtkError, MissingExtra, ProtocolError
@@ -31,6 +32,11 @@ UPLOAD: Final = 2
 DOWNLOAD: Final = 3
 ABORT: Final = 4
 """Command specifiers of a server's answers that name the object (CiA 301, 7.2.4.3)."""
+
+_DEVICE_TYPE: Final = bytes((0x00, 0x10, 0x00))
+"""Index and sub-index of the object that every node has (CiA 301, 1000h)."""
+_READ: Final = 0x40
+"""Command of a request to read."""
 
 LARGE: Final = 256
 """Bytes from which a transfer goes in blocks."""
@@ -121,6 +127,7 @@ class SdoChannel:
         self._link = link
         self._client = _Client(link, node, timeout, poll or link.poll)
         self._lock = threading.Lock()
+        self._probe: Callable[[], None] | None = None
         link.subscribe(0x580 + node, self._take)
 
     @property
@@ -132,6 +139,20 @@ class SdoChannel:
         """Take no more answers, and ask nothing more: what goes on in other threads ends by `BusLost`."""
         self._client.network.close()
         self._link.unsubscribe(0x580 + self.node)
+
+    def probe(self, answered: Callable[[], None]) -> bool:
+        """Ask for the device type, without waiting, in the bus thread; return whether it was sent.
+
+        Args:
+            answered: called in that thread when the answer comes; not if another one is asked for before.
+
+        Raises:
+            BusLost: the bus cannot be used.
+        """
+        if self._lock.locked():  # a transfer goes on, which this would break off
+            return False
+        self._probe = answered
+        return self._link.send(Frame(0x600 + self.node, bytes((_READ, *_DEVICE_TYPE, 0, 0, 0, 0))))
 
     def upload(self, index: int, subindex: int) -> bytes:
         """Return the bytes of an object.
@@ -191,4 +212,7 @@ class SdoChannel:
         raise AssertionError("every attempt ends above")
 
     def _take(self, data: bytes, now: float) -> None:
+        if self._probe is not None and data[1:4] == _DEVICE_TYPE:
+            answered, self._probe = self._probe, None
+            answered()
         self._client.on_response(0x580 + self.node, data, now)
