@@ -27,6 +27,7 @@ from crtk_drivers.errors.wording import worded
 from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.catalogue import QUANTITIES
+from crtk_drivers.labs.lab_commands import require_commands
 from crtk_drivers.labs.libraries import require_libraries
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
 from crtk_drivers.labs.units import units_of, write_units
@@ -137,6 +138,7 @@ def bring_up(
     set_up_logging(ERR, log_level, LogFormat.TEXT)
     lab = load_lab(path, sim=sim, only=only)
     require_libraries(lab)
+    require_commands(lab)
     environment.check()
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     folder = logs or Path("logs") / f"{lab.name}-{stamp}"
@@ -284,10 +286,11 @@ def check_lab(path: Path, sim: bool) -> int:
     """
     lab = load_lab(path, sim=sim)
     require_libraries(lab)
+    require_commands(lab)
     check_bounds(lab, QUANTITIES)
     OUT.print(_plan(lab))
     OUT.print(
-        f"\n{plain(str(path))} can be used: settings and libraries are checked, nothing was started"
+        f"\n{plain(str(path))} can be used: settings, libraries and commands are checked, nothing was started"
     )
     return 0
 

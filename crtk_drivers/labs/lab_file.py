@@ -26,7 +26,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from crtk_drivers import plugins
 from crtk_drivers.config import (
@@ -54,6 +54,21 @@ NAMESPACE: Final = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
 
 
 Length = Annotated[float, Field(ge=-100.0, le=100.0)]
+
+
+def _is_command(command: tuple[str, ...]) -> tuple[str, ...]:
+    if command and not command[0].strip():
+        raise ValueError("names no program: the first word is empty")
+    for word in command:
+        if not word:
+            raise ValueError("has an empty argument: leave it out")
+        if "\0" in word:
+            raise ValueError(f"has a NUL character in {word!r}, which no program can be given")
+    return command
+
+
+Command = Annotated[tuple[str, ...], AfterValidator(_is_command)]
+"""Program and arguments; whether the program is there, `require_commands` looks."""
 
 
 class ToolEntry(Settings):
@@ -163,7 +178,7 @@ class DeviceEntry(CarriedEntry):
         description="What its readings must say before the bench does more than read: "
         '{ serial = "20195000123" }.',
     )
-    power_off: tuple[str, ...] = Field(
+    power_off: Command = Field(
         default=(),
         description="Program and arguments that take its power away; run when the bench loses hold of it.",
     )
@@ -181,7 +196,7 @@ class DeviceEntry(CarriedEntry):
 class ProgramEntry(Settings):
     """A program that works with the devices."""
 
-    command: tuple[str, ...] = Field(min_length=1, description="Program and arguments.")
+    command: Command = Field(min_length=1, description="Program and arguments.")
     after: tuple[str, ...] | None = Field(
         default=None, description="Devices that must measure before it is started; all if null."
     )

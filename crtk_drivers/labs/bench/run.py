@@ -374,7 +374,7 @@ def take_power(device: LabDevice, folder: Path) -> bool:
     logger.error("%s: its power is taken away: %s", device.name, " ".join(command))
     try:
         subprocess.run(command, check=True, timeout=10.0, cwd=folder)
-    except (OSError, subprocess.SubprocessError) as error:
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
         logger.error("%s: power_off: %s", device.name, error)
         return False
     return True

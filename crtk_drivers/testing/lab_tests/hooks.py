@@ -15,6 +15,7 @@ from crtk_drivers.labs.bench import report
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.catalogue import QUANTITIES
 from crtk_drivers.labs.bench.folder import default_folder
+from crtk_drivers.labs.lab_commands import require_commands
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
 from crtk_drivers.testing.lab_tests import FILE
 from crtk_drivers.testing.lab_tests.lab_fixtures import SESSION, UNDER_WAY
@@ -54,6 +55,7 @@ def begun(config: pytest.Config) -> LabHooks:
         raise pytest.UsageError("the devices of a lab are not tested in a worker of pytest-xdist")
     try:
         lab = load_lab(config.getoption(FILE), sim=config.getoption("--lab-sim"))
+        require_commands(lab, programs=False)
         check_bounds(lab, QUANTITIES)
     except CrtkError as error:
         raise pytest.UsageError(str(error)) from error
