@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from crtk_drivers.labs.invocation import device_command, settings_text
-from crtk_drivers.labs.lab_file import Lab, LabDevice
+from crtk_drivers.labs.lab_file import Lab
 from crtk_drivers.labs.reports import REPORT_FD, Report, last_line, read_reports
 
 FIRST_DELAY: Final = 1.0
@@ -137,7 +137,13 @@ class Supervisor:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         self.devices = {
-            name: Child(name, self._command(device), device.after, folder / f"{name}.log", True)
+            name: Child(
+                name,
+                device_command(device, self._settings_file(name)),
+                device.after,
+                folder / f"{name}.log",
+                True,
+            )
             for name, device in lab.devices.items()
         }
         self.programs = {
@@ -211,11 +217,19 @@ class Supervisor:
 
     # ------------------------------------------------------------------------------- one process
 
-    def _command(self, device: LabDevice) -> tuple[str, ...]:
-        """Return how a device is started, its settings in a file of their own."""
-        settings = self.folder / f"{device.name}.yaml"
-        settings.write_text(settings_text(device), "utf-8")
-        return device_command(device, settings)
+    def _settings_file(self, name: str) -> Path:
+        return self.folder / f"{name}.yaml"
+
+    def _write_settings(self, child: Child) -> None:
+        """Write the settings of a device anew, and their folder: somebody may have removed it.
+
+        Raises:
+            OSError: they cannot be written.
+        """
+        child.log.parent.mkdir(parents=True, exist_ok=True)
+        device = self.lab.devices.get(child.name) if child.reports else None
+        if device is not None:
+            self._settings_file(device.name).write_text(settings_text(device), "utf-8")
 
     def _may_start(self, child: Child, now: float) -> bool:
         missing = [
@@ -228,26 +242,31 @@ class Supervisor:
         return True
 
     def _start(self, child: Child, now: float) -> None:
-        reading, writing = os.pipe2(os.O_CLOEXEC)
-        os.set_blocking(reading, False)
-        environment = {**os.environ, REPORT_FD: str(writing)} if child.reports else None
+        reading = writing = -1
         try:
+            self._write_settings(child)
+            reading, writing = os.pipe2(os.O_CLOEXEC)
+            os.set_blocking(reading, False)
             child.log_file = child.log.open("ab", buffering=0)
+            environment = {**os.environ, REPORT_FD: str(writing)} if child.reports else None
             files = (writing,) if child.reports else ()
             log, folder = child.log_file.fileno(), self.lab.path.parent
             child.process = _start(child.command, log, folder, environment, files)
-        except OSError as error:
-            os.close(reading)
+        except (OSError, ValueError) as error:
+            if reading >= 0:
+                os.close(reading)
             if child.log_file is not None:
                 child.log_file.close()
                 child.log_file = None
-            self._ended(child, now, f"cannot be started: {error}", again=False)
+            # A file or a folder may come back: a device is tried again, as after any other end.
+            self._ended(child, now, f"cannot be started: {error}", again=child.reports)
         else:
             child.pipe, child.rest, child.report = reading, b"", None
             child.phase, child.began, child.why = Phase.RUNNING, now, ""
             logger.info("%s: started, process %d", child.name, child.process.pid)
         finally:
-            os.close(writing)
+            if writing >= 0:
+                os.close(writing)
 
     def _follow(self, child: Child, now: float) -> None:
         if child.reports:

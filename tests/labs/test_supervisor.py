@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from crtk_drivers.labs import Lab, LabProgram, supervisor
+from crtk_drivers.labs import Lab, LabProgram, load_lab, supervisor
 from crtk_drivers.labs.lab_file import LabSettings
 from crtk_drivers.labs.reports import Report, Reporter, read_reports
 from crtk_drivers.labs.supervisor import Child, Phase, Supervisor
@@ -23,7 +24,9 @@ from rigs.waiting import LONG, eventually
 PYTHON = (sys.executable, "-S", "-c")
 """Without `site`, which takes longer than all that the programs below do."""
 
-FOREVER = "import time; print('up', flush=True); time.sleep(1000)"
+FOREVER = "import time; print('up', flush=True)\nwhile True: time.sleep(0.05)"
+"""Short sleeps: a signal that comes just before one does not end it."""
+
 STUBBORN = "import signal, time; signal.signal(2, signal.SIG_IGN); print('up', flush=True); time.sleep(1000)"
 
 
@@ -135,6 +138,51 @@ def test_what_has_no_log_is_not_started_and_ends_nothing_else(lab, tmp_path):
     assert running.programs["other"].phase is Phase.RUNNING
 
 
+@pytest.mark.parametrize("missing", ["log", "settings", "folder"])
+def test_a_device_without_its_files_is_tried_again(lab, tmp_path, missing):
+    running = lab(other=FOREVER)
+    (tmp_path / "lab.toml").write_text('[devices.arm]\nplugin = "loopback"\n')
+    running.lab = load_lab(tmp_path / "lab.toml")
+    folder = tmp_path / "logs"
+    arm = Child("arm", (*PYTHON, FOREVER), (), folder / "arm.log", True, delay=0.05)
+    running.devices["arm"] = arm
+    until(running, lambda: is_up(arm), "it is up")
+    os.kill(arm.process.pid, signal.SIGKILL)
+    until(running, lambda: arm.phase is Phase.RESTARTING, "its end is seen")
+    if missing == "folder":
+        shutil.rmtree(folder)
+        folder.write_text("in its place")
+    else:
+        path = folder / {"log": "arm.log", "settings": "arm.yaml"}[missing]
+        path.unlink()
+        path.mkdir()
+    until(running, lambda: "cannot be started" in arm.why, "it cannot be started")
+    assert arm.phase is Phase.RESTARTING
+    assert running.programs["other"].phase is Phase.RUNNING
+    if missing == "folder":
+        folder.unlink()
+    else:
+        path.rmdir()
+    until(running, lambda: arm.process is not None, "it runs again")
+    assert (folder / "arm.yaml").exists(), "its settings are there again"
+
+
+def test_without_files_for_a_pipe_a_device_waits(lab, tmp_path, monkeypatch):
+    running = lab(other=FOREVER)
+    running.devices["arm"] = arm = Child(
+        "arm", (*PYTHON, FOREVER), (), tmp_path / "arm.log", True, delay=0.05
+    )
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pipe2", out_of_files)
+        running.step()
+    assert (arm.phase, "Too many open files" in arm.why) == (Phase.RESTARTING, True)
+    until(running, lambda: is_up(arm), "it is up")
+
+
+def out_of_files(*_):
+    raise OSError(24, "Too many open files")
+
+
 MEASURES = """
 import json, os, sys, time
 report = dict(state="DISABLED", cause="", is_busy=False, is_homed=True, measures=True, rate=1.0)
@@ -183,7 +231,8 @@ import signal, sys, time
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
 print("up", flush=True)
-time.sleep(1000)
+while True:  # a signal just before a sleep is heard after it
+    time.sleep(0.05)
 """
 
 
@@ -200,7 +249,8 @@ STOPS = """
 print("the arm still moves", flush=True)
 signal.signal(signal.SIGTERM, lambda *_: sys.exit({code}))
 os.write(int(os.environ["CRTK_DRIVERS_REPORT_FD"]), json.dumps(report).encode() + b"\\n")
-time.sleep(1000)
+while True:
+    time.sleep(0.05)
 """
 
 
