@@ -486,6 +486,8 @@ def start_by(warm: WarmStart) -> None:
     """Let this process start its own by the one that it is forked from, and have patience."""
     if watch := sys.modules.get("crtk_drivers.labs.bench.watch"):
         watch.BLIND = watch.OLDEST = UNSEEN  # type: ignore[attr-defined]
+    if calls := sys.modules.get("crtk_drivers.labs.bench.calls"):
+        calls.STANDS_STILL = UNSEEN  # type: ignore[attr-defined]
     if threads := sys.modules.get("crtk_drivers.engine.threads"):
         threads.STALL_LIMIT = LATE_THREAD  # type: ignore[attr-defined]
     for module, start in (

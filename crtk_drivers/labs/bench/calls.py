@@ -35,13 +35,18 @@ class HostOrder:
         config: its configuration; that of a simulator points at one that runs.
         door: path of the Unix socket that is served.
         key: that clients of the door must know.
+        pulse: descriptor of an end by which the bench and the host hear each other; below 0: there is none.
     """
 
     plugin: str
     config: DeviceConfig
     door: str
     key: bytes
+    pulse: int = -1
 
+
+STANDS_STILL: Final = 2.0
+"""Seconds without a sign of life of the bench after which a host holds and leaves its device."""
 
 FRESH: Final = 0.1
 """Seconds that a sample may be old of a device that measures."""

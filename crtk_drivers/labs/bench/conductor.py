@@ -11,6 +11,7 @@ import logging
 import os
 import pickle
 import secrets
+import socket
 import subprocess
 import sys
 import tempfile
@@ -18,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
@@ -43,7 +44,7 @@ from crtk_drivers.labs.bench.conducting import (
     Reached,
     RunOrder,
 )
-from crtk_drivers.labs.bench.door import Door
+from crtk_drivers.labs.bench.door import Door, bound_waits
 from crtk_drivers.labs.bench.operator import Operator, Person
 from crtk_drivers.labs.bench.relay import RelayProcess
 from crtk_drivers.labs.bench.taping import carrier_recording
@@ -53,54 +54,102 @@ from crtk_drivers.labs.sim_coupling import Coupling, Told, followed
 from crtk_drivers.plugins import RunningSim, SimFault
 from crtk_drivers.samples import Pose, Vector, Wrench
 from crtk_drivers.session import start_sim_of
+from crtk_drivers.status.pulse import Pulse, pulse_ends
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
 START_TIMEOUT: Final = 40.0
+CONNECT_TIMEOUT: Final = 10.0
 LEAVE_TIMEOUT: Final = 10.0
+
+PARENT_STANDS_STILL: Final = 10.0
+"""Seconds without a sign of life after which whoever started this is gone. It may reckon at length."""
+
+TELL_TIMEOUT: Final = 30.0
+"""Seconds in which a part of a message is taken."""
+
+LEFT: Final = 3
+"""Exit code: everything was held and left, since whoever started this stands still."""
+
+_POLL_PERIOD: Final = 0.1
 
 logger = logging.getLogger(__name__)
 
 
-def start_conductor(order: RunOrder) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Start the process that conducts a run; return it, and the connection to it.
+@dataclass
+class Conducting:
+    """The process that conducts a run, as whoever started it has it.
+
+    Attributes:
+        process: that was started.
+        pipe: leads to it.
+        pulse: by which the two hear each other.
+        held: a descriptor that ends when this process has ended, and all that it has started to move devices.
+    """
+
+    process: subprocess.Popen[bytes]
+    pipe: Connection
+    pulse: Pulse
+    held: int
+
+
+def start_conductor(order: RunOrder) -> Conducting:
+    """Start the process that conducts a run.
 
     Raises:
         OSError: its log cannot be written.
     """
-    ours, theirs = Pipe()
-    with theirs, (order.folder / "log.txt").open("ab") as log:  # what simulators print too
-        files = (theirs.fileno(), *order.locks)
-        process = programs.start(
-            __name__, str(theirs.fileno()), order=order, log=log.fileno(), files=files
-        )
-    return process, ours
+    with (order.folder / "log.txt").open("ab") as log:  # what simulators print too
+        ours, theirs = Pipe()
+        own_end, other_end = pulse_ends()
+        held, holding = os.pipe2(os.O_CLOEXEC)
+        with theirs, other_end, os.fdopen(holding, "wb"):
+            order = replace(order, locks=(*order.locks, holding))
+            numbers = (theirs.fileno(), other_end.fileno())
+            process = programs.start(
+                __name__,
+                *map(str, numbers),
+                order=order,
+                log=log.fileno(),
+                files=(*numbers, *order.locks),
+            )
+    return Conducting(process, ours, Pulse(own_end), held)
 
 
-def conduct(order: RunOrder, parent: Connection) -> None:
-    """Carry out a run."""
+def conduct(order: RunOrder, parent: Connection, pulse: Pulse) -> int:
+    """Carry out a run, and return the exit code."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+    bound_waits(parent, TELL_TIMEOUT)
     with stop_signals() as told:
+        ending = _Ending(told, pulse)
         try:
-            _Conductor(order, parent, _Ending(told)).run()
-        except (EOFError, BrokenPipeError):
+            _Conductor(order, parent, ending).run()
+        except (EOFError, BrokenPipeError, BlockingIOError):
             logger.error("whoever started this run is gone: everything is held and left")
+        return LEFT if ending.is_alone() else 0
 
 
 class _Ending(StopRequest):
-    """Set when this process is told to end, or whoever started it is gone."""
+    """Set when this process is told to end, or whoever started it is gone or stands still."""
 
-    def __init__(self, told: StopRequest) -> None:
+    def __init__(self, told: StopRequest, pulse: Pulse) -> None:
         super().__init__()
         self._told = told
         self._parent = os.getppid()
+        self._pulse = pulse
+        self._stood_still = False
 
     @override
     def is_set(self) -> bool:
-        return self._told.is_set() or os.getppid() != self._parent
+        return self._told.is_set() or self.is_alone()
+
+    def is_alone(self) -> bool:
+        """Whether whoever started this process is gone, or has stood still: it may go on later."""
+        self._stood_still |= self._pulse.silence() > PARENT_STANDS_STILL
+        return self._stood_still or os.getppid() != self._parent
 
 
 class _Conductor:
-    def __init__(self, order: RunOrder, parent: Connection, stop: StopRequest) -> None:
+    def __init__(self, order: RunOrder, parent: Connection, stop: _Ending) -> None:
         self._order = order
         self._parent = parent
         self._stop = stop
@@ -187,10 +236,10 @@ class _Conductor:
                 acquisition.run(bed)
                 bed.check()
         except Tripped as error:
-            trouble = str(error)
+            trouble = f"{error}{host.stopped_told()}"
             broken = moves and not self._stop.is_set()
         except (Broken, CrtkError) as error:
-            trouble = str(error)
+            trouble = f"{error}{host.stopped_told()}"
             broken = moves
         except Exception as error:
             logger.exception("%s: %s", device, acquisition.name)
@@ -255,6 +304,9 @@ class _Conductor:
 
     def _ask(self, message: object) -> Any:
         self._tell(message)
+        while not self._parent.poll(_POLL_PERIOD):
+            if self._stop.is_alone():
+                raise EOFError
         return self._parent.recv()
 
     def _tell(self, message: object) -> None:
@@ -292,6 +344,7 @@ class _Hosted:
         self._about: About | None = None
         self._trouble: CrtkError | None = None
         self._host: HostOrder | None = None
+        self._pulse: Pulse | None = None
         self._direct: HostOrder | None = None
         self._relay: RelayProcess | None = None
 
@@ -310,6 +363,8 @@ class _Hosted:
             code = self._process.returncode
             logger.error("%s: its driver ended with exit code %d", self._order.name, code)
             self.lose()
+        if self._pulse is not None:
+            self._pulse.close()
         if self._relay is not None:
             self._relay.close()
         if self._sim is not None:
@@ -369,7 +424,7 @@ class _Hosted:
 
     def connected(self) -> Door:
         """Return another connection."""
-        return Door(self._path, self._key, START_TIMEOUT, self._gone)
+        return Door(self._path, self._key, CONNECT_TIMEOUT, self._gone)
 
     def couplings(self, watching: Door) -> Iterator[Coupling]:
         """Yield what lets its simulator follow the device to which a connection leads."""
@@ -387,6 +442,18 @@ class _Hosted:
         assert self._host is not None
         for each in followed(plugin, self._host.config, self._simulator, entry, self._order.name):
             yield Coupling(self._simulator, each, look)
+
+    def stopped_told(self) -> str:
+        """Return which of its processes stands still, to be put behind a reason; empty if none does."""
+        pids = {
+            Process.DRIVER: self._process and self._process.pid,
+            Process.SIMULATOR: self._sim and self._sim.pid,
+        }
+        return "".join(
+            f"; the {which}'s process {pid} is stopped"
+            for which, pid in pids.items()
+            if pid and programs.is_stopped(pid)
+        )
 
     def stop_recording(self) -> None:
         """End the recording that is under way."""
@@ -428,12 +495,17 @@ class _Hosted:
         self._start_driver()
 
     def _start_driver(self) -> None:
-        with self._log.open("ab") as log:
+        assert self._host is not None
+        if self._pulse is not None:
+            self._pulse.close()
+        own_end, other_end = pulse_ends()
+        self._pulse = Pulse(own_end)
+        with other_end, self._log.open("ab") as log:
             self._process = programs.start(
                 "crtk_drivers.labs.bench.host",
-                order=self._host,
+                order=replace(self._host, pulse=other_end.fileno()),
                 log=log.fileno(),
-                files=self._locks,
+                files=(other_end.fileno(), *self._locks),
             )
 
     # ------------------------------------------------------------------------------- as `Processes`
@@ -573,10 +645,10 @@ def hosted(
 
 
 def main() -> int:
-    """Conduct the run whose order comes on standard input; its parent is at the other end of a descriptor."""
+    """Conduct the run whose order comes on standard input; two descriptors lead to its parent."""
     order: RunOrder = pickle.load(sys.stdin.buffer)
-    conduct(order, Connection(int(sys.argv[1])))
-    return 0
+    parent, pulse = map(int, sys.argv[1:])
+    return conduct(order, Connection(parent), Pulse(socket.socket(fileno=pulse)))
 
 
 if __name__ == "__main__":

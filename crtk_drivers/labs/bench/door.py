@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import socket
+import struct
 import threading
 import time
 from collections.abc import Callable
-from multiprocessing.connection import Client, Connection
+from multiprocessing.connection import Client, Connection, answer_challenge, deliver_challenge
 from typing import Any, Final, Self
 
 from crtk_drivers.errors import CrtkError, DeviceError
@@ -14,6 +17,15 @@ from crtk_drivers.samples import Value
 
 ANSWER_TIMEOUT: Final = 2.0
 """Seconds for an answer, beside what the call itself may take."""
+
+
+def bound_waits(connection: Connection, seconds: float) -> None:
+    """Let reading or writing a part of a message end with `BlockingIOError` when it takes so long."""
+    whole, rest = divmod(seconds, 1.0)
+    limit = struct.pack("ll", int(whole), int(1e6 * rest))
+    with socket.socket(fileno=os.dup(connection.fileno())) as each:
+        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+            each.setsockopt(socket.SOL_SOCKET, option, limit)
 
 
 class DoorClosed(DeviceError):
@@ -110,7 +122,7 @@ class Door:
         deadline = time.monotonic() + timeout
         while True:
             try:
-                return Client(self._path, "AF_UNIX", authkey=key)
+                connection = Client(self._path, "AF_UNIX")
             except (FileNotFoundError, ConnectionRefusedError) as error:
                 if why := gone():
                     raise DoorClosed(why) from error
@@ -119,3 +131,22 @@ class Door:
                         f"the driver's process does not answer within {timeout:g} s"
                     ) from error
                 time.sleep(0.02)
+            else:
+                return _authenticated(connection, key, timeout)
+
+
+def _authenticated(connection: Connection, key: bytes, timeout: float) -> Connection:
+    """Return a connection of which both sides know the key; the other one may stand still.
+
+    Raises:
+        DoorClosed: it does not answer in time, or is gone.
+    """
+    bound_waits(connection, timeout)
+    try:
+        answer_challenge(connection, key)
+        deliver_challenge(connection, key)
+    except (EOFError, OSError) as error:
+        connection.close()
+        raise DoorClosed(f"the driver's process does not answer within {timeout:g} s") from error
+    bound_waits(connection, ANSWER_TIMEOUT)
+    return connection

@@ -1,8 +1,8 @@
 """The process of one device under test: its driver, a recorder of every sample, and a door for commands.
 
 ``python -m crtk_drivers.labs.bench.host`` takes a pickled `HostOrder` from its standard input. It needs no
-ROS. Who started it supervises it through the first connection: when that is lost, the device is held and
-left, so that none goes on without its bench.
+ROS. Who started it supervises it through the first connection: when that is lost, or who started it stands
+still, the device is held and left, so that none goes on without its bench.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import contextlib
 import logging
 import os
 import pickle
+import socket
 import sys
 import threading
 import time
@@ -28,15 +29,25 @@ from crtk_drivers.errors import (
     CommandRefused,
     ConnectionFailed,
     CrtkError,
+    DeviceError,
     WrongReading,
     unexpected,
 )
-from crtk_drivers.labs.bench.calls import EFFORT, TOOLS, About, Failed, Glance, HostOrder
+from crtk_drivers.labs.bench.calls import (
+    EFFORT,
+    STANDS_STILL,
+    TOOLS,
+    About,
+    Failed,
+    Glance,
+    HostOrder,
+)
 from crtk_drivers.labs.bench.taping import SampleRecorder
 from crtk_drivers.motion.arbiter import Client
 from crtk_drivers.samples import JointState, Pose, Stamp, Value, Vector
 from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.status.pulse import Pulse
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
 MARGIN: Final = 2.0
@@ -49,6 +60,9 @@ FIRST_CONNECTION: Final = 40.0
 
 LEAVING: Final = 0.5
 """Seconds between the hold and the end when the bench was lost."""
+
+_MOVING: Final = ("submit", "service", "state_command")
+"""Calls that are refused once the device is left."""
 
 logger = logging.getLogger(__name__)
 
@@ -92,6 +106,8 @@ class Host:
         self._ended = threading.Event()
         self._is_closing = False
         self._is_supervised = False
+        self._leaving = threading.Lock()
+        self._pulse = Pulse(socket.socket(fileno=order.pulse)) if order.pulse >= 0 else None
         self._calls: dict[str, Callable[..., Any]] = {
             "about": self._about,
             "glance": self._glance,
@@ -123,6 +139,9 @@ class Host:
                 if is_alone and not self._is_supervised:
                     logger.error("%s: the bench did not come: left", self._engine.where)
                     break
+                silence = 0.0 if self._pulse is None else self._pulse.silence()
+                if silence > STANDS_STILL:
+                    self._let_go(f"the bench stands still for {silence:.1f} s")
             self._recorder.end()
             self._is_closing = True
         door.unlink(missing_ok=True)
@@ -154,6 +173,8 @@ class Host:
             while True:
                 number, name, *arguments = connection.recv()
                 try:
+                    if name in _MOVING and self._leaving.locked():
+                        raise DeviceError("the bench was lost: the device is held and left")
                     answer = calls[name](*arguments)
                 except CrtkError as error:
                     answer = Failed(str(error), str(getattr(error, "reason", "")))
@@ -167,11 +188,13 @@ class Host:
             visitor.leave()
             connection.close()
             if supervises and not self._ended.is_set():
-                logger.error("%s: the bench is gone: held, and left", self._engine.where)
-                self._let_go()
+                self._let_go("the bench is gone")
 
-    def _let_go(self) -> None:
-        """Hold and disable what is powered, and end, whatever of that is refused."""
+    def _let_go(self, why: str) -> None:
+        """Hold and disable what is powered, and end, whatever of that is refused; for the first reason."""
+        if not self._leaving.acquire(blocking=False):
+            return
+        logger.error("%s: %s: held, and left", self._engine.where, why)
         try:
             powered = self._engine.status.state in (OperatingState.ENABLED, OperatingState.PAUSED)
             if powered or not self._engine.transition_ended:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Final
 
 _THAW: Final = ("/bin/sh", "-c", 'read _; kill -CONT "$1"', "thaw")
@@ -28,6 +29,14 @@ def frozen(pid: int) -> Iterator[None]:
         finally:
             os.kill(pid, signal.SIGCONT)
             thaw.stdin.close()
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether a process was stopped by a signal or a debugger, as the kernel tells it (Linux)."""
+    with contextlib.suppress(OSError):
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        return state in ("T", "t")
+    return False
 
 
 def start(

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
+import select
 import subprocess
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -32,7 +34,8 @@ from crtk_drivers.labs.bench.conducting import (
     Reached,
     RunOrder,
 )
-from crtk_drivers.labs.bench.conductor import start_conductor
+from crtk_drivers.labs.bench.conductor import LEFT, Conducting, start_conductor
+from crtk_drivers.labs.bench.door import bound_waits
 from crtk_drivers.labs.bench.folder import begun, described, make_folder
 from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.pressure import Pressure
@@ -46,6 +49,15 @@ POLL_PERIOD: Final = 0.1
 
 END_TIMEOUT: Final = 60.0
 """Seconds in which the conductor has held and left everything."""
+
+STANDS_STILL: Final = 5.0
+"""Seconds without a sign of life after which the conductor is killed. Hosts have left by then."""
+
+STARTED_WITHIN: Final = 60.0
+"""Seconds in which it gives the first one."""
+
+LEFT_WITHIN: Final = 5.0
+"""Seconds in which drivers whose conductor died hold and leave their devices, before power is taken away."""
 
 logger = logging.getLogger(__name__)
 
@@ -74,15 +86,53 @@ class _Tested:
 class _Conducted:
     """A conductor, and what it was told to do."""
 
-    process: subprocess.Popen[bytes]
-    pipe: Connection
+    conducting: Conducting
     order: RunOrder
     pressure: Pressure = field(default_factory=Pressure)
+    stood_still: str = ""
+    """That it was killed because it stood still, in words."""
+
+    @property
+    def process(self) -> subprocess.Popen[bytes]:
+        """The conductor."""
+        return self.conducting.process
+
+    @property
+    def pipe(self) -> Connection:
+        """The connection to it."""
+        return self.conducting.pipe
 
     def answer(self, value: object) -> None:
         """Answer what it asked; that it is gone is seen when it is heard next."""
         with contextlib.suppress(OSError):
             self.pipe.send(value)
+
+    def kill_if_it_stands_still(self) -> None:
+        """Kill it if no sign of life comes any more: its drivers hold and leave their devices then."""
+        pulse = self.conducting.pulse
+        silence = pulse.silence()
+        if silence > (STANDS_STILL if pulse.has_begun else STARTED_WITHIN):
+            self.kill(f"gave no sign of life for {silence:.1f} s")
+
+    def kill(self, why: str) -> None:
+        """Kill it because it stands still."""
+        if not self.stood_still:
+            self.stood_still = (
+                f"the conductor's process {self.process.pid} stood still ({why}), and was killed"
+            )
+            logger.error("%s", self.stood_still)
+            self.process.kill()
+
+    def wait_until_left(self, seconds: float) -> None:
+        """Wait until the drivers that it had started have left their devices and ended."""
+        if not select.select([self.conducting.held], [], [], seconds)[0]:
+            logger.error("a driver has not left its device within %g s", seconds)
+
+    def close(self) -> None:
+        """Close what leads to it."""
+        self.pipe.close()
+        self.conducting.pulse.close()
+        os.close(self.conducting.held)
 
 
 def run_bench(
@@ -193,9 +243,10 @@ class _Bench:
         while orders or running:
             while orders and len(running) < self._options.at_once and not self._stop.is_set():
                 order = orders.pop(0)
-                process, pipe = start_conductor(order)
-                started.append(_Conducted(process, pipe, order))
-                running[pipe] = started[-1]
+                conducting = start_conductor(order)
+                bound_waits(conducting.pipe, STANDS_STILL)
+                started.append(_Conducted(conducting, order))
+                running[conducting.pipe] = started[-1]
             if self._stop.is_set() and not asked:
                 asked = time.monotonic()
                 orders.clear()
@@ -205,16 +256,22 @@ class _Bench:
                 for each in running.values():
                     each.process.kill()
             heard = wait(list(running), POLL_PERIOD)
-            for pipe in [each for each in running if each in heard]:
+            for pipe, each in list(running.items()):
+                each.kill_if_it_stands_still()
+                if pipe not in heard:
+                    continue
                 try:
                     message = pipe.recv()
-                except (EOFError, OSError):
-                    if _code_of(running.pop(pipe).process) != 0:
-                        ended_by = "the conductor's process died"
+                except (EOFError, OSError) as error:
+                    if isinstance(error, BlockingIOError):
+                        each.kill(f"in the midst of a message, for {STANDS_STILL:g} s")
+                    ended_by = _why_ended(running.pop(pipe)) or ended_by
                     continue
-                self._answer(running[pipe], message)
+                self._answer(each, message)
                 self._keep()
-        return "stopped by the operator" if asked else ended_by
+        if asked and not any(each.stood_still for each in started):
+            return "stopped by the operator"
+        return ended_by
 
     def _leave(self, conducted: _Conducted) -> None:
         """Wait for the end of a conductor; take the power from its devices if that was none of its own."""
@@ -223,7 +280,11 @@ class _Bench:
             logger.error("the conductor did not end, and is killed")
             conducted.process.kill()
             conducted.process.wait()
-        if conducted.process.returncode != 0:
+        lost = conducted.process.returncode not in (0, LEFT)
+        if lost:  # a stop is a ramp: power is taken after it
+            conducted.wait_until_left(LEFT_WITHIN)
+        conducted.close()
+        if lost:
             for device in conducted.order.devices:
                 if self._tested[device.name].about is not None:
                     self._power_off_of(self._tested[device.name])
@@ -492,6 +553,16 @@ def _code_of(conductor: subprocess.Popen[bytes]) -> int | None:
         return conductor.wait(END_TIMEOUT)
     except subprocess.TimeoutExpired:
         return None
+
+
+def _why_ended(conducted: _Conducted) -> str:
+    """Return why a conductor has ended too early, that has closed its connection; empty if it has not."""
+    code = _code_of(conducted.process)
+    if conducted.stood_still or code == 0:
+        return conducted.stood_still
+    if code == LEFT:
+        return f"the process {os.getpid()} of the bench stood still: everything was held and left"
+    return "the conductor's process died"
 
 
 def _carrier_of(device: LabDevice, run: Collection[str]) -> str:
