@@ -33,6 +33,7 @@ from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
 from crtk_drivers.labs.units import units_of, write_units
 from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState
+from crtk_drivers.status.marked_processes import left_behind
 from crtk_drivers.status.stop_request import stop_signals
 
 SimOption = Annotated[
@@ -41,6 +42,9 @@ SimOption = Annotated[
 LabFile = Annotated[Path, typer.Argument(metavar="LAB", help="The lab file.", show_default=False)]
 
 logger = logging.getLogger(__name__)
+
+EARLIER_ENDS_WITHIN: Final = 25.0
+"""Seconds in which what an `up` that was killed has left ends: a device stops its hardware first."""
 
 _UNITS: Final = Path("/etc/systemd/system")
 
@@ -139,6 +143,7 @@ def bring_up(
     lab = load_lab(path, sim=sim, only=only)
     require_libraries(lab)
     require_commands(lab)
+    _wait_for_earlier(lab)
     environment.check()
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     folder = logs or Path("logs") / f"{lab.name}-{stamp}"
@@ -165,6 +170,27 @@ def bring_up(
         finally:
             supervisor.stop(show)
     return _conclusion(supervisor, failed)
+
+
+def _wait_for_earlier(lab: Lab) -> None:
+    """Wait until all has ended that an `up` of this lab has started which was killed.
+
+    Raises:
+        ConfigError: it does not end; second copies beside it would command the same devices.
+    """
+    group = str(lab.path.resolve())
+    deadline = time.monotonic() + EARLIER_ENDS_WITHIN
+    if found := left_behind(group):
+        logger.warning("%s: waits for what an earlier `up` has left to end", lab.name)
+    while found:
+        if time.monotonic() > deadline:
+            raise ConfigError(
+                f"what an earlier `up` has started still runs: {', '.join(map(str, found))}",
+                where=group,
+                remedy=f"End it: kill -9 {' '.join(str(each.pid) for each in found)}",
+            )
+        time.sleep(LOOK_PERIOD)
+        found = left_behind(group)
 
 
 def _conclusion(supervisor: Supervisor, failed: Sequence[Child]) -> int:

@@ -1,7 +1,8 @@
 """Runs a lab: one process a device, started in order, started again when one ends, and stopped in order.
 
 A device reports over a pipe, see `crtk_drivers.labs.reports`; the same pipe tells it when whoever started it
-is gone, so that no driver outlives its lab.
+is gone, so that no driver outlives its lab. What does not hear of that, such as a program that ignores
+signals, is ended by a guard: a process beside this one that outlives it.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import IO, Final
 from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab
 from crtk_drivers.labs.reports import REPORT_FD, Report, last_line, read_reports
+from crtk_drivers.status.marked_processes import Starter, start_guard, started_by
 
 FIRST_DELAY: Final = 1.0
 LONGEST_DELAY: Final = 30.0
@@ -41,6 +43,9 @@ USAGE_ERROR: Final = 2
 
 LOOK_PERIOD: Final = 0.1
 """Seconds between two looks at the processes."""
+
+GUARD_TIMEOUT: Final = 30.0
+"""Seconds in which the guard has ended what others left."""
 
 SILENCE: Final = 5.0
 """Seconds after the last report of a device that lives, after which nobody knows whether it measures."""
@@ -151,6 +156,8 @@ class Supervisor:
             for name, program in lab.programs.items()
         }
         self._began = time.monotonic()
+        self._starter = Starter.here(str(lab.path.resolve()))
+        self._guard: subprocess.Popen[bytes] | None = None
 
     @property
     def children(self) -> Iterator[Child]:
@@ -174,6 +181,7 @@ class Supervisor:
             elif child.phase is Phase.RESTARTING and now >= child.due:
                 child.restarts += 1
                 self._start(child, now)
+        self._keep_guard()
 
     def stop(self, idle: Callable[[], None] = lambda: None) -> bool:
         """End everything: programs first, then the devices, those that others come after last.
@@ -202,6 +210,7 @@ class Supervisor:
                     self._see_end(child, time.monotonic() - began)
                 idle()
                 time.sleep(LOOK_PERIOD / 5.0)
+        self._end_what_is_left(idle)
         return all(child.ended_well for child in self.children)
 
     def _groups(self) -> Iterator[list[Child]]:
@@ -214,6 +223,38 @@ class Supervisor:
             yield group
             for child in group:
                 del left[child.name]
+
+    def _keep_guard(self) -> None:
+        """Have a guard while anything runs; start another one if somebody ended it."""
+        if self._guard is not None and self._guard.poll() is not None:
+            logger.error("the guard of %s has ended, and is started again", self.lab.name)
+            self._close_guard(self._guard)
+            self._guard = None
+        if self._guard is None and any(child.process is not None for child in self.children):
+            try:
+                self._guard = start_guard(self._starter)
+            except OSError as error:
+                logger.error("the guard of %s cannot be started: %s", self.lab.name, error)
+
+    def _end_what_is_left(self, idle: Callable[[], None]) -> None:
+        """Wait until the guard has ended what programs have left, such as the child of a shell."""
+        guard, self._guard = self._guard, None
+        if guard is None:
+            return
+        for each in started_by(self._starter):
+            logger.warning("%s was left by it, and is ended", each)
+        self._close_guard(guard)
+        deadline = time.monotonic() + GUARD_TIMEOUT
+        while guard.poll() is None and time.monotonic() < deadline:
+            idle()
+            time.sleep(LOOK_PERIOD / 5.0)
+        for each in started_by(self._starter):
+            logger.error("%s was left by it, and still runs", each)
+
+    def _close_guard(self, guard: subprocess.Popen[bytes]) -> None:
+        assert guard.stdin is not None
+        with contextlib.suppress(OSError):
+            guard.stdin.close()
 
     # ------------------------------------------------------------------------------- one process
 
@@ -248,7 +289,10 @@ class Supervisor:
             reading, writing = os.pipe2(os.O_CLOEXEC)
             os.set_blocking(reading, False)
             child.log_file = child.log.open("ab", buffering=0)
-            environment = {**os.environ, REPORT_FD: str(writing)} if child.reports else None
+            mark = self._starter.mark(child.name, is_device=child.reports)
+            environment = {**os.environ, **mark}
+            if child.reports:
+                environment[REPORT_FD] = str(writing)
             files = (writing,) if child.reports else ()
             log, folder = child.log_file.fileno(), self.lab.path.parent
             child.process = _start(child.command, log, folder, environment, files)
@@ -361,7 +405,7 @@ def _start(
     command: Sequence[str],
     log: int,
     folder: Path,
-    environment: Mapping[str, str] | None,
+    environment: Mapping[str, str],
     files: Sequence[int],
 ) -> subprocess.Popen[bytes]:
     """Start a device, which has `files` to report over, or a program, which has none."""

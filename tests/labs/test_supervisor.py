@@ -12,13 +12,15 @@ from pathlib import Path
 
 import pytest
 
+from crtk_drivers.cli import main, up_command
 from crtk_drivers.labs import Lab, LabProgram, load_lab, supervisor
 from crtk_drivers.labs.lab_file import LabSettings
 from crtk_drivers.labs.reports import Report, Reporter, read_reports
 from crtk_drivers.labs.supervisor import Child, Phase, Supervisor
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
-from rigs.processes import has_ended
+from crtk_drivers.status.marked_processes import left_behind
+from rigs.processes import children_of, command_of, has_ended
 from rigs.waiting import LONG, eventually
 
 PYTHON = (sys.executable, "-S", "-c")
@@ -126,6 +128,94 @@ def test_no_program_outlives_one_that_is_killed(tmp_path):
         pid = int(up.stdout.readline())
         up.kill()
     eventually(lambda: has_ended(pid), "the program ends, too")
+
+
+LEFT = """
+import sys, time
+from pathlib import Path
+from crtk_drivers.labs import Lab, LabProgram
+from crtk_drivers.labs.lab_file import LabSettings
+from crtk_drivers.labs.supervisor import Supervisor
+folder = Path(sys.argv[1])
+program = LabProgram("work", ("sh", "-c", sys.argv[2]), ())
+lab = Lab("lab", folder / "lab.toml", {}, {"work": program}, LabSettings.model_construct(), {})
+running = Supervisor(lab, folder / "logs")
+while True:
+    running.step()
+    time.sleep(0.05)
+"""
+IGNORES = "trap '' TERM INT HUP; echo $$ > pid; while :; do sleep 0.1; done"
+CHILD = "sleep 1000 & echo $! > pid; wait"
+DAEMON = "(trap '' TERM; setsid sh -c 'echo $$ > pid; exec sleep 1000' &); sleep 1000"
+
+
+def left(folder, command):
+    """Start a supervisor of a program that writes the id of a process; return both."""
+    up = subprocess.Popen([sys.executable, "-c", LEFT, str(folder), command])
+    written = folder / "pid"
+    eventually(lambda: written.exists() and written.read_text().strip(), "it runs")
+    guard = eventually(lambda: guards_of(up.pid), "it is guarded")
+    return up, guard[0], int(written.read_text())
+
+
+def guards_of(pid):
+    return [each for each in children_of(pid) if "marked_processes" in command_of(each)]
+
+
+@pytest.mark.parametrize("command", [IGNORES, CHILD, DAEMON], ids=["ignores", "child", "daemon"])
+def test_nothing_that_it_started_outlives_it(tmp_path, command):
+    up, guard, pid = left(tmp_path, command)
+    up.kill()
+    up.wait()
+    eventually(lambda: has_ended(pid), "what it started ends")
+    eventually(lambda: has_ended(guard), "and so does its guard")
+
+
+def test_what_was_left_is_named_by_the_next_up(tmp_path, monkeypatch, capsys):
+    """Its guard was killed, too."""
+    monkeypatch.setenv("COLUMNS", "500")
+    (tmp_path / "lab.toml").write_text('[devices.arm]\nplugin = "loopback"\n')
+    up, guard, pid = left(tmp_path, IGNORES)
+    group = str(tmp_path / "lab.toml")
+    try:
+        assert not left_behind(group), "its starter lives"
+        for each in (guard, up.pid):
+            os.kill(each, signal.SIGKILL)
+        up.wait()
+        monkeypatch.setattr(up_command, "EARLIER_ENDS_WITHIN", 0.2)
+        assert main(["up", group, "--logs", str(tmp_path / "second")]) == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"still runs: work: process {pid} (sh -c trap" in said
+        assert f"kill -9 {pid}" in said
+        assert not (tmp_path / "second").exists(), "nothing was started"
+    finally:
+        os.kill(pid, signal.SIGKILL)
+    eventually(lambda: not left_behind(group), "what is left has ended")
+
+
+def test_a_stop_leaves_no_child_of_a_program(lab, tmp_path, caplog):
+    """A shell lets what it starts in the background ignore Ctrl-C."""
+    running = lab()
+    command = ("sh", "-c", CHILD)
+    running.programs["work"] = Child("work", command, (), tmp_path / "work.log", False)
+    written = tmp_path / "pid"
+    until(running, lambda: written.exists() and written.read_text().strip(), "it runs")
+    running.stop()
+    pid = int(written.read_text())
+    assert has_ended(pid)
+    assert f"work: process {pid} (sleep 1000) was left by it, and is ended" in caplog.messages
+
+
+def test_a_guard_that_was_killed_is_started_again(lab):
+    running = lab(work=FOREVER)
+    first = eventually_guarded(running)
+    os.kill(first, signal.SIGKILL)
+    until(running, lambda: running._guard.pid != first, "there is another one")
+
+
+def eventually_guarded(running):
+    until(running, lambda: running._guard is not None, "it is guarded")
+    return running._guard.pid
 
 
 def test_what_has_no_log_is_not_started_and_ends_nothing_else(lab, tmp_path):

@@ -18,7 +18,7 @@ def children_of(pid: int) -> set[int]:
 
 def process_of(module: str, below: int | None = None) -> int:
     """Return the id of the process that runs a module, below another one; this one if left out."""
-    found = [pid for pid in children_of(below or os.getpid()) if module in _command_of(pid)]
+    found = [pid for pid in children_of(below or os.getpid()) if module in command_of(pid)]
     assert len(found) == 1, f"{module}: {found}"
     return found[0]
 
@@ -33,7 +33,8 @@ def has_ended(pid: int) -> bool:
     return state == "Z" and len(tasks) == 1  # its first thread may end before the others
 
 
-def _command_of(pid: int) -> str:
+def command_of(pid: int) -> str:
+    """Return program and arguments of a process; empty if it has ended."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes().decode()
     except OSError:  # it has ended since
