@@ -12,9 +12,16 @@ from typing import Final
 
 from crtk_drivers.state import Status
 from crtk_drivers.status.health import Health
+from crtk_drivers.status.pulse import Pulse
 
 REPORT_FD: Final = "CRTK_DRIVERS_REPORT_FD"
 """Environment variable: the descriptor of the pipe that a device writes to."""
+
+PULSE_FD: Final = "CRTK_DRIVERS_PULSE_FD"
+"""Environment variable: the descriptor by which a device and whoever started it hear each other."""
+
+STANDS_STILL: Final = 10.0
+"""Seconds without a sign of life after which whoever started a device counts as gone."""
 
 PERIOD: Final = 0.5
 """Seconds between two reports at most."""
@@ -79,6 +86,7 @@ class Reporter:
         descriptor: of the pipe; it is closed at the end of this process.
         read: returns status and health.
         clock: monotonic seconds.
+        pulse: of whoever reads; None: it is not listened for.
     """
 
     def __init__(
@@ -86,8 +94,10 @@ class Reporter:
         descriptor: int,
         read: Callable[[], tuple[Status, Health]],
         clock: Callable[[], float],
+        pulse: Pulse | None = None,
     ) -> None:
         self._descriptor = descriptor
+        self._pulse = pulse
         self._read = read
         self._clock = clock
         self._due = 0.0
@@ -97,6 +107,8 @@ class Reporter:
 
     def update(self) -> bool:
         """Write a report if it is time, or the state is another; return whether somebody still reads."""
+        if self._pulse is not None and self._pulse.silence() > STANDS_STILL:
+            return False
         status, health = self._read()
         now = self._clock()
         if now < self._due and str(status.state) == self._told:

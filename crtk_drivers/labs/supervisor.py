@@ -22,8 +22,9 @@ from typing import IO, Final
 
 from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab
-from crtk_drivers.labs.reports import REPORT_FD, Report, last_line, read_reports
+from crtk_drivers.labs.reports import PULSE_FD, REPORT_FD, Report, last_line, read_reports
 from crtk_drivers.status.marked_processes import Starter, start_guard, started_by
+from crtk_drivers.status.pulse import LONGEST_LOOK, Pulse, pulse_ends
 
 FIRST_DELAY: Final = 1.0
 LONGEST_DELAY: Final = 30.0
@@ -49,6 +50,11 @@ GUARD_TIMEOUT: Final = 30.0
 
 SILENCE: Final = 5.0
 """Seconds after the last report of a device that lives, after which nobody knows whether it measures."""
+
+STANDS_STILL: Final = 30.0
+"""Seconds without a report after which a device that has reported is killed, and started again.
+
+One that ends by itself reports no more either, and may take `STOP_TIMEOUT` to stop its hardware."""
 
 CPU_PERIOD: Final = 1.0
 
@@ -88,6 +94,7 @@ class Child:
         phase: what it is doing.
         report: the newest, if it is a device that lives.
         heard: monotonic seconds at which it came.
+        silence: seconds since then, as far as this process ran meanwhile.
         restarts: how often it was started again.
         code: with which it ended last; negative: the signal.
         ended_well: unless it was told to stop and did not as it should.
@@ -115,6 +122,9 @@ class Child:
     pipe: int = -1
     rest: bytes = b""
     log_file: IO[bytes] | None = None
+    pulse: Pulse | None = None
+    silence: float = 0.0
+    looked: float = 0.0
     cpu_before: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -158,6 +168,7 @@ class Supervisor:
         self._began = time.monotonic()
         self._starter = Starter.here(str(lab.path.resolve()))
         self._guard: subprocess.Popen[bytes] | None = None
+        self._guard_pulse: Pulse | None = None
 
     @property
     def children(self) -> Iterator[Child]:
@@ -228,11 +239,14 @@ class Supervisor:
         """Have a guard while anything runs; start another one if somebody ended it."""
         if self._guard is not None and self._guard.poll() is not None:
             logger.error("the guard of %s has ended, and is started again", self.lab.name)
-            self._close_guard(self._guard)
+            self._close_guard()
             self._guard = None
         if self._guard is None and any(child.process is not None for child in self.children):
             try:
-                self._guard = start_guard(self._starter)
+                ours, theirs = pulse_ends()
+                with theirs:
+                    self._guard = start_guard(self._starter, theirs)
+                self._guard_pulse = Pulse(ours)
             except OSError as error:
                 logger.error("the guard of %s cannot be started: %s", self.lab.name, error)
 
@@ -243,7 +257,7 @@ class Supervisor:
             return
         for each in started_by(self._starter):
             logger.warning("%s was left by it, and is ended", each)
-        self._close_guard(guard)
+        self._close_guard()
         deadline = time.monotonic() + GUARD_TIMEOUT
         while guard.poll() is None and time.monotonic() < deadline:
             idle()
@@ -251,10 +265,9 @@ class Supervisor:
         for each in started_by(self._starter):
             logger.error("%s was left by it, and still runs", each)
 
-    def _close_guard(self, guard: subprocess.Popen[bytes]) -> None:
-        assert guard.stdin is not None
-        with contextlib.suppress(OSError):
-            guard.stdin.close()
+    def _close_guard(self) -> None:
+        if self._guard_pulse is not None:
+            self._guard_pulse.close()
 
     # ------------------------------------------------------------------------------- one process
 
@@ -291,14 +304,22 @@ class Supervisor:
             child.log_file = child.log.open("ab", buffering=0)
             mark = self._starter.mark(child.name, is_device=child.reports)
             environment = {**os.environ, **mark}
-            if child.reports:
-                environment[REPORT_FD] = str(writing)
-            files = (writing,) if child.reports else ()
             log, folder = child.log_file.fileno(), self.lab.path.parent
-            child.process = _start(child.command, log, folder, environment, files)
+            if child.reports:
+                ours, theirs = pulse_ends()
+                child.pulse = Pulse(ours)
+                with theirs:
+                    files = (writing, theirs.fileno())
+                    environment |= {REPORT_FD: str(writing), PULSE_FD: str(theirs.fileno())}
+                    child.process = _start(child.command, log, folder, environment, files)
+            else:
+                child.process = _start(child.command, log, folder, environment, ())
         except (OSError, ValueError) as error:
             if reading >= 0:
                 os.close(reading)
+            if child.pulse is not None:
+                child.pulse.close()
+                child.pulse = None
             if child.log_file is not None:
                 child.log_file.close()
                 child.log_file = None
@@ -306,6 +327,7 @@ class Supervisor:
             self._ended(child, now, f"cannot be started: {error}", again=child.reports)
         else:
             child.pipe, child.rest, child.report = reading, b"", None
+            child.silence, child.looked = 0.0, now
             child.phase, child.began, child.why = Phase.RUNNING, now, ""
             logger.info("%s: started, process %d", child.name, child.process.pid)
         finally:
@@ -324,11 +346,22 @@ class Supervisor:
             child.cpu_before = (now, total)
         if now > child.began + SOUND_AFTER:
             child.delay = FIRST_DELAY
+        child.silence += min(now - child.looked, LONGEST_LOOK)
+        child.looked = now
+        stands_still = child.report is not None and child.silence > STANDS_STILL
+        if stands_still:
+            _signal(
+                child, signal.SIGKILL
+            )  # to go on later, it would have to be seen to stand first
+            process.wait(STOP_TIMEOUT)
         code = process.poll()
         if code is None:
             return
         self._forget(child, code)
-        if not child.reports and code == 0:
+        if stands_still:
+            why = f"gave no report for {STANDS_STILL:g} s, and was killed"
+            self._ended(child, now, why, again=True)
+        elif not child.reports and code == 0:
             self._ended(child, now, "has done its work", again=False)
         elif child.reports and code == USAGE_ERROR:
             why = last_line(child.log) or _NO_REASON_LOGGED
@@ -340,6 +373,7 @@ class Supervisor:
         reports, child.rest = read_reports(child.pipe, child.rest)
         if reports:
             was, child.report, child.heard = child.is_ready, reports[-1], time.monotonic()
+            child.silence = 0.0
             if child.is_ready and not was:
                 took = time.monotonic() - child.began
                 logger.info("%s: measures, %.1f s after its start", child.name, took)
@@ -396,6 +430,9 @@ class Supervisor:
         child.cpu_before = (0.0, 0.0)
         os.close(child.pipe)
         child.pipe = -1
+        if child.pulse is not None:
+            child.pulse.close()
+            child.pulse = None
         if child.log_file is not None:
             child.log_file.close()
             child.log_file = None

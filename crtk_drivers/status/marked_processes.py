@@ -3,8 +3,8 @@
 The mark is a variable of their environment. A process keeps it that ignores signals, leaves its group or its
 session, or loses its parent; one that clears its environment is not found.
 
-As a program, this is the guard of whoever started them: it ends what is left when its standard input ends,
-which is when that process has ended, however it did.
+As a program, this is the guard of whoever started them: it ends what is left when that process has ended,
+however it did, or stands still. Its standard input is an end of a `crtk_drivers.status.pulse`.
 """
 
 from __future__ import annotations
@@ -13,18 +13,24 @@ import contextlib
 import os
 import secrets
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from typing_extensions import override
 
+from crtk_drivers.status.pulse import Pulse
+
 MARK: Final = "CRTK_DRIVERS_STARTED_BY"
 """Environment variable: who has started a process, and for what."""
+
+STANDS_STILL: Final = 10.0
+"""Seconds without a sign of life after which a starter counts as gone."""
 
 PROGRAM_ASKED_AFTER: Final = 1.0
 """Seconds after which a program gets SIGTERM: the kernel has sent one to the first process of each."""
@@ -117,12 +123,12 @@ def left_behind(group: str) -> list[Marked]:
     return [each for each in found if not each.starter.is_there]
 
 
-def start_guard(starter: Starter) -> subprocess.Popen[bytes]:
-    """Start the process that ends what a starter leaves, once its standard input is closed."""
+def start_guard(starter: Starter, end: socket.socket) -> subprocess.Popen[bytes]:
+    """Start the process that ends what a starter leaves, once the other end of `end` is closed or silent."""
     words = (str(starter.pid), starter.began, starter.number, starter.group)
     return subprocess.Popen(
         [sys.executable, "-m", __name__, *words],
-        stdin=subprocess.PIPE,
+        stdin=end.fileno(),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,  # who reads ours does not wait for the guard
         env={key: value for key, value in os.environ.items() if key != MARK},
@@ -130,10 +136,15 @@ def start_guard(starter: Starter) -> subprocess.Popen[bytes]:
     )
 
 
-def end_all(starter: Starter) -> None:
-    """End what one has started: programs by SIGTERM, devices by themselves; then by SIGKILL."""
+def end_all(starter: Starter, goes_on: Callable[[], bool] = lambda: False) -> None:
+    """End what one has started: programs by SIGTERM, devices by themselves; then by SIGKILL.
+
+    Args:
+        starter: who has started them.
+        goes_on: whether it does, so that what it starts now is not to be ended.
+    """
     began, took, asked = time.monotonic(), 0.0, set[int]()
-    while took < GIVEN_UP_AFTER and (found := started_by(starter)):
+    while took < GIVEN_UP_AFTER and not goes_on() and (found := started_by(starter)):
         took = time.monotonic() - began
         for each in found:
             if took > (DEVICE_ENDS_WITHIN if each.is_device else PROGRAM_ENDS_WITHIN):
@@ -184,13 +195,21 @@ def _began(pid: int) -> str:
 
 
 def main() -> int:
-    """Guard what a starter has started, until its end of our standard input is closed."""
+    """Guard what a starter has started, until that has ended."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     pid, began, number_of, group = sys.argv[1:]
-    while os.read(sys.stdin.fileno(), 4096):
-        pass
-    end_all(Starter(int(pid), began, number_of, group))
+    starter = Starter(int(pid), began, number_of, group)
+    pulse = Pulse(socket.socket(fileno=os.dup(sys.stdin.fileno())))
+
+    def is_heard() -> bool:
+        return pulse.silence() < STANDS_STILL and not pulse.has_ended
+
+    while not pulse.has_ended:
+        if not is_heard():
+            end_all(starter, is_heard)
+        time.sleep(LOOK_PERIOD)
+    end_all(starter)
     return 0
 
 

@@ -41,6 +41,8 @@ class Pulse:
         self._looked = time.monotonic()
         self.has_begun = False
         """Something was heard: the other process has started."""
+        self.has_ended = False
+        """The other process has closed its end."""
         end.setblocking(False)
         threading.Thread(target=self._give, name="pulse", daemon=True).start()
 
@@ -53,6 +55,7 @@ class Pulse:
             with contextlib.suppress(OSError):
                 while self._end.recv(4096):
                     self._silent, self.has_begun = 0.0, True
+                self.has_ended = True
             return self._silent
 
     def close(self) -> None:

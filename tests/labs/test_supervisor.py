@@ -13,13 +13,14 @@ from pathlib import Path
 import pytest
 
 from crtk_drivers.cli import main, up_command
-from crtk_drivers.labs import Lab, LabProgram, load_lab, supervisor
+from crtk_drivers.labs import Lab, LabProgram, load_lab, reports, supervisor
 from crtk_drivers.labs.lab_file import LabSettings
 from crtk_drivers.labs.reports import Report, Reporter, read_reports
 from crtk_drivers.labs.supervisor import Child, Phase, Supervisor
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
 from crtk_drivers.status.marked_processes import left_behind
+from crtk_drivers.status.pulse import Pulse, pulse_ends
 from rigs.processes import children_of, command_of, has_ended
 from rigs.waiting import LONG, eventually
 
@@ -171,6 +172,28 @@ def test_nothing_that_it_started_outlives_it(tmp_path, command):
     eventually(lambda: has_ended(guard), "and so does its guard")
 
 
+@pytest.mark.timeout(240)
+def test_a_frozen_up_leaves_no_program(tmp_path):
+    """When it goes on, it starts it again."""
+    up, guard, pid = left(tmp_path, IGNORES)
+    try:
+        up.send_signal(signal.SIGSTOP)
+        eventually(lambda: has_ended(pid), "the program ends")
+        assert not has_ended(guard)
+        up.send_signal(signal.SIGCONT)
+        again = eventually(lambda: other_than(pid, tmp_path / "pid"), "it is started again")
+    finally:
+        up.kill()
+        up.wait()
+    eventually(lambda: has_ended(again), "it ends with it")
+
+
+def other_than(pid, written):
+    """Return the process id that was written, once it is another one."""
+    found = int(written.read_text() or pid)
+    return found if found != pid else 0
+
+
 def test_what_was_left_is_named_by_the_next_up(tmp_path, monkeypatch, capsys):
     """Its guard was killed, too."""
     monkeypatch.setenv("COLUMNS", "500")
@@ -203,7 +226,8 @@ def test_a_stop_leaves_no_child_of_a_program(lab, tmp_path, caplog):
     running.stop()
     pid = int(written.read_text())
     assert has_ended(pid)
-    assert f"work: process {pid} (sleep 1000) was left by it, and is ended" in caplog.messages
+    told = rf"work: process {pid} \(.*\) was left by it, and is ended"
+    assert any(re.fullmatch(told, message) for message in caplog.messages)
 
 
 def test_a_guard_that_was_killed_is_started_again(lab):
@@ -333,6 +357,49 @@ def test_a_device_that_has_forgotten_a_ctrl_c_is_stopped_all_the_same(lab, tmp_p
     running.devices["arm"] = arm = Child("arm", command, (), tmp_path / "arm.log", True)
     until(running, lambda: is_up(arm), "it is up")
     assert running.stop()
+
+
+REPORTS = """
+while True:
+    time.sleep(0.02)
+    os.write(int(os.environ["CRTK_DRIVERS_REPORT_FD"]), json.dumps(report).encode() + b"\\n")
+"""
+
+
+def test_a_frozen_device_is_killed_and_started_again(lab, tmp_path, monkeypatch):
+    monkeypatch.setattr(supervisor, "STANDS_STILL", 3.0)
+    running = lab(other=FOREVER)
+    command = (*PYTHON, MEASURES + REPORTS)
+    arm = Child("arm", command, (), tmp_path / "arm.log", True, delay=0.05)
+    running.devices["arm"] = arm
+    until(running, lambda: arm.is_ready, "it measures")
+    pid = arm.process.pid
+    os.kill(pid, signal.SIGSTOP)
+    until(running, lambda: arm.phase is Phase.RESTARTING, "that is noticed")
+    assert arm.why == "gave no report for 3 s, and was killed"
+    assert has_ended(pid)
+    until(running, lambda: arm.is_ready, "it measures again")
+    assert running.programs["other"].restarts == 0
+
+
+def test_a_device_ends_when_who_started_it_stands_still(monkeypatch):
+    monkeypatch.setattr(reports, "STANDS_STILL", 0.5)
+    reading, writing = os.pipe()
+    ours, theirs = pulse_ends()
+    own, other = Pulse(ours), Pulse(theirs)
+    reporter = Reporter(
+        writing,
+        lambda: (Status(OperatingState.ENABLED, True), Health()),
+        time.monotonic,
+        own,
+    )
+    eventually(lambda: own.silence() == 0.0 and own.has_begun, "it is heard")
+    assert reporter.update()
+    other.close()
+    eventually(lambda: not reporter.update(), "it is to end")
+    own.close()
+    os.close(reading)
+    os.close(writing)
 
 
 STOPS = """

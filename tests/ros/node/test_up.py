@@ -110,6 +110,23 @@ def test_no_device_outlives_its_lab_and_one_that_is_not_there_keeps_nobody(start
     assert "whoever started this is gone" in (tmp_path / "one.log").read_text()
 
 
+def test_devices_of_a_frozen_up_end_and_come_back_with_it(start, tmp_path):
+    with up(start, tmp_path, LAB.split("[devices.two]")[0]) as lab:
+        first = lab.until(r"one: started, process (\d+)")
+        lab.until("one: measures")
+        with connect("/up/one", timeout=LONG) as one:
+            one.enable()
+        lab.process.send_signal(signal.SIGSTOP)
+        until_gone(first)
+        lab.process.send_signal(signal.SIGCONT)
+        lab.until("one: ended with exit code 0 .* started again")
+        lab.until("one: measures", count=2)
+        with connect("/up/one", timeout=LONG) as one:
+            assert one.operating_state().state == "DISABLED"
+        assert lab.end() == 0
+    assert "whoever started this is gone or stands still" in (tmp_path / "one.log").read_text()
+
+
 def test_a_device_that_cannot_be_started_is_told_and_not_tried_again(start, tmp_path):
     with up(
         start, tmp_path, LAB.split("[devices.two]")[0] + 'settings = { axes = "many" }\n'
