@@ -150,13 +150,25 @@ CHILD = "sleep 1000 & echo $! > pid; wait"
 DAEMON = "(trap '' TERM; setsid sh -c 'echo $$ > pid; exec sleep 1000' &); sleep 1000"
 
 
-def left(folder, command):
-    """Start a supervisor of a program that writes the id of a process; return both."""
-    up = subprocess.Popen([sys.executable, "-c", LEFT, str(folder), command])
-    written = folder / "pid"
-    eventually(lambda: written.exists() and written.read_text().strip(), "it runs")
-    guard = eventually(lambda: guards_of(up.pid), "it is guarded")
-    return up, guard[0], int(written.read_text())
+@pytest.fixture
+def left(tmp_path):
+    """Starts a supervisor of a program that writes the id of a process; returns both, and the guard."""
+    started = []
+
+    def run(command):
+        up = subprocess.Popen([sys.executable, "-c", LEFT, str(tmp_path), command])
+        started.append(up)
+        written = tmp_path / "pid"
+        eventually(lambda: written.exists() and written.read_text().strip(), "it runs")
+        guard = eventually(lambda: guards_of(up.pid), "it is guarded")
+        return up, guard[0], int(written.read_text())
+
+    yield run
+    for up in started:
+        up.kill()
+        up.wait()
+    for each in left_behind(str(tmp_path / "lab.toml")):
+        os.kill(each.pid, signal.SIGKILL)
 
 
 def guards_of(pid):
@@ -164,8 +176,8 @@ def guards_of(pid):
 
 
 @pytest.mark.parametrize("command", [IGNORES, CHILD, DAEMON], ids=["ignores", "child", "daemon"])
-def test_nothing_that_it_started_outlives_it(tmp_path, command):
-    up, guard, pid = left(tmp_path, command)
+def test_nothing_that_it_started_outlives_it(left, command):
+    up, guard, pid = left(command)
     up.kill()
     up.wait()
     eventually(lambda: has_ended(pid), "what it started ends")
@@ -173,9 +185,9 @@ def test_nothing_that_it_started_outlives_it(tmp_path, command):
 
 
 @pytest.mark.timeout(240)
-def test_a_frozen_up_leaves_no_program(tmp_path):
+def test_a_frozen_up_leaves_no_program(left, tmp_path):
     """When it goes on, it starts it again."""
-    up, guard, pid = left(tmp_path, IGNORES)
+    up, guard, pid = left(IGNORES)
     try:
         up.send_signal(signal.SIGSTOP)
         eventually(lambda: has_ended(pid), "the program ends")
@@ -194,11 +206,11 @@ def other_than(pid, written):
     return found if found != pid else 0
 
 
-def test_what_was_left_is_named_by_the_next_up(tmp_path, monkeypatch, capsys):
+def test_what_was_left_is_named_by_the_next_up(left, tmp_path, monkeypatch, capsys):
     """Its guard was killed, too."""
     monkeypatch.setenv("COLUMNS", "500")
     (tmp_path / "lab.toml").write_text('[devices.arm]\nplugin = "loopback"\n')
-    up, guard, pid = left(tmp_path, IGNORES)
+    up, guard, pid = left(IGNORES)
     group = str(tmp_path / "lab.toml")
     try:
         assert not left_behind(group), "its starter lives"
