@@ -229,7 +229,7 @@ def _reporter(read: Callable[[], tuple[Status, Health]]) -> Reporter | None:
     descriptor, end = (os.environ.pop(name, "") for name in (REPORT_FD, PULSE_FD))
     if not descriptor:
         return None
-    pulse = Pulse(socket.socket(fileno=int(end))) if end else None
+    pulse = Pulse.start(socket.socket(fileno=int(end))) if end else None
     return Reporter(int(descriptor), read, time.monotonic, pulse)
 
 

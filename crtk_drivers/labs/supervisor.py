@@ -246,7 +246,7 @@ class Supervisor:
                 ours, theirs = pulse_ends()
                 with theirs:
                     self._guard = start_guard(self._starter, theirs)
-                self._guard_pulse = Pulse(ours)
+                self._guard_pulse = Pulse.start(ours)
             except OSError as error:
                 logger.error("the guard of %s cannot be started: %s", self.lab.name, error)
 
@@ -307,7 +307,7 @@ class Supervisor:
             log, folder = child.log_file.fileno(), self.lab.path.parent
             if child.reports:
                 ours, theirs = pulse_ends()
-                child.pulse = Pulse(ours)
+                child.pulse = Pulse.start(ours)
                 with theirs:
                     files = (writing, theirs.fileno())
                     environment |= {REPORT_FD: str(writing), PULSE_FD: str(theirs.fileno())}
@@ -350,10 +350,7 @@ class Supervisor:
         child.looked = now
         stands_still = child.report is not None and child.silence > STANDS_STILL
         if stands_still:
-            _signal(
-                child, signal.SIGKILL
-            )  # to go on later, it would have to be seen to stand first
-            process.wait(STOP_TIMEOUT)
+            _signal(child, signal.SIGKILL)  # one that went on later would command an old goal
         code = process.poll()
         if code is None:
             return

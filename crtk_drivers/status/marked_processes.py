@@ -200,7 +200,7 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)
     pid, began, number_of, group = sys.argv[1:]
     starter = Starter(int(pid), began, number_of, group)
-    pulse = Pulse(socket.socket(fileno=os.dup(sys.stdin.fileno())))
+    pulse = Pulse.start(socket.socket(fileno=os.dup(sys.stdin.fileno())))
 
     def is_heard() -> bool:
         return pulse.silence() < STANDS_STILL and not pulse.has_ended

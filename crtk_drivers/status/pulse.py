@@ -25,9 +25,7 @@ def pulse_ends() -> tuple[socket.socket, socket.socket]:
 
 
 class Pulse:
-    """One end: it gives signs of life from a thread of its own, and listens for those of the other end.
-
-    Thread-safe. The thread ends when the other process has ended.
+    """One end: it gives signs of life, once started, and listens for those of the other end. Thread-safe.
 
     Args:
         end: of the two; it belongs to the pulse.
@@ -44,7 +42,13 @@ class Pulse:
         self.has_ended = False
         """The other process has closed its end."""
         end.setblocking(False)
-        threading.Thread(target=self._give, name="pulse", daemon=True).start()
+
+    @classmethod
+    def start(cls, end: socket.socket) -> Pulse:
+        """Return one that gives signs of life in a thread of its own, until the other process has ended."""
+        pulse = cls(end)
+        threading.Thread(target=pulse._give, name="pulse", daemon=True).start()
+        return pulse
 
     def silence(self) -> float:
         """Return the seconds for which nothing was heard, as far as this process ran meanwhile."""

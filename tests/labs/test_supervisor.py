@@ -398,7 +398,7 @@ def test_a_device_ends_when_who_started_it_stands_still(monkeypatch):
     monkeypatch.setattr(reports, "STANDS_STILL", 0.5)
     reading, writing = os.pipe()
     ours, theirs = pulse_ends()
-    own, other = Pulse(ours), Pulse(theirs)
+    own, other = Pulse.start(ours), Pulse.start(theirs)
     reporter = Reporter(
         writing,
         lambda: (Status(OperatingState.ENABLED, True), Health()),

@@ -112,7 +112,7 @@ def start_conductor(order: RunOrder) -> Conducting:
                 log=log.fileno(),
                 files=(*numbers, *order.locks),
             )
-    return Conducting(process, ours, Pulse(own_end), held)
+    return Conducting(process, ours, Pulse.start(own_end), held)
 
 
 def conduct(order: RunOrder, parent: Connection, pulse: Pulse) -> int:
@@ -499,7 +499,7 @@ class _Hosted:
         if self._pulse is not None:
             self._pulse.close()
         own_end, other_end = pulse_ends()
-        self._pulse = Pulse(own_end)
+        self._pulse = Pulse.start(own_end)
         with other_end, self._log.open("ab") as log:
             self._process = programs.start(
                 "crtk_drivers.labs.bench.host",
@@ -648,7 +648,7 @@ def main() -> int:
     """Conduct the run whose order comes on standard input; two descriptors lead to its parent."""
     order: RunOrder = pickle.load(sys.stdin.buffer)
     parent, pulse = map(int, sys.argv[1:])
-    return conduct(order, Connection(parent), Pulse(socket.socket(fileno=pulse)))
+    return conduct(order, Connection(parent), Pulse.start(socket.socket(fileno=pulse)))
 
 
 if __name__ == "__main__":

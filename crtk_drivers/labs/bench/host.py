@@ -107,7 +107,7 @@ class Host:
         self._is_closing = False
         self._is_supervised = False
         self._leaving = threading.Lock()
-        self._pulse = Pulse(socket.socket(fileno=order.pulse)) if order.pulse >= 0 else None
+        self._pulse = Pulse.start(socket.socket(fileno=order.pulse)) if order.pulse >= 0 else None
         self._calls: dict[str, Callable[..., Any]] = {
             "about": self._about,
             "glance": self._glance,

@@ -18,7 +18,7 @@ from rigs.waiting import eventually
 OTHER = """
 import socket, sys, time
 from crtk_drivers.status.pulse import Pulse
-Pulse(socket.socket(fileno=int(sys.argv[1])))
+Pulse.start(socket.socket(fileno=int(sys.argv[1])))
 time.sleep(1000)
 """
 
@@ -26,7 +26,7 @@ time.sleep(1000)
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_process_that_stands_still_is_noticed(number: signal.Signals) -> None:
     ours, theirs = pulse_ends()
-    own = Pulse(ours)
+    own = Pulse.start(ours)
     with theirs:
         other = subprocess.Popen(
             [sys.executable, "-c", OTHER, str(theirs.fileno())], pass_fds=[theirs.fileno()]
@@ -48,7 +48,7 @@ def test_a_process_that_stands_still_is_noticed(number: signal.Signals) -> None:
 def test_own_standing_still_is_no_silence_of_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     ours, theirs = pulse_ends()
     with theirs:
-        own = Pulse(ours)
+        own = Pulse.start(ours)
         own.silence()
         now = time.monotonic() + 1000.0
         monkeypatch.setattr(pulse.time, "monotonic", lambda: now)
@@ -65,7 +65,7 @@ def fill(end: socket.socket) -> None:
 def test_a_receiver_that_stands_still_keeps_nobody() -> None:
     """However much it has not taken."""
     ours, theirs = pulse_ends()
-    own = Pulse(ours)
+    own = Pulse.start(ours)
     theirs.setblocking(False)
     with pytest.raises(BlockingIOError):
         fill(ours)
