@@ -8,8 +8,9 @@ text is its size with the closing zero, the bytes and the zero. Padding is zero.
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
@@ -197,6 +198,16 @@ def stamp_of(data: bytes) -> int:
         Malformed: it ends before.
     """
     return Fields(data).stamp()
+
+
+def last_word_of(data: bytes, words: Collection[str]) -> str:
+    """Return which of `words` stands last in a message that cannot be read; empty if none does.
+
+    Only a whole word counts: no letter, digit or underscore may be next to it.
+    """
+    alternatives = "|".join(map(re.escape, words))
+    found = re.findall(rf"\b(?:{alternatives})\b".encode(), data)
+    return found[-1].decode() if found else ""
 
 
 # ------------------------------------------------------------------------------------------- encoding
@@ -400,13 +411,17 @@ class Fields:
 
     def text(self) -> str:
         """A string."""
-        raw = self._take(self.count()).removesuffix(b"\0")  # which some writers leave out
+        raw = self.raw_text().removesuffix(b"\0")  # which some writers leave out
         if b"\0" in raw:
             raise Malformed("a text has a zero in it")
         try:
             return raw.decode()
         except UnicodeDecodeError as error:
             raise Malformed(f"a text is not UTF-8: {error.reason}") from error
+
+    def raw_text(self) -> bytes:
+        """The bytes of a string, which may be no text."""
+        return self._take(self.count())
 
     def texts(self) -> tuple[str, ...]:
         """A sequence of strings."""

@@ -11,7 +11,15 @@ from dataclasses import replace
 import numpy as np
 
 from crtk_drivers.recording.cdr import SLACK, Fields, Malformed
-from crtk_drivers.samples import MOST_POINTS, Array, JointTrajectory, Tolerance, Vector, vector
+from crtk_drivers.samples import (
+    EMPTY,
+    MOST_POINTS,
+    Array,
+    JointTrajectory,
+    Tolerance,
+    Vector,
+    vector,
+)
 
 GOAL_ID = slice(4, 20)
 """Where in a goal request its id is."""
@@ -26,16 +34,35 @@ _TWIST = 6
 def decode_trajectory(data: bytes) -> JointTrajectory:
     """Return what a JointTrajectory holds.
 
-    Where a point has no positions, as what streams velocities, they are NaN.
+    Where a point has no positions, as what streams velocities, they are NaN. One without points is read
+    whatever its texts are and whatever follows: it is a stop.
 
     Raises:
         Malformed: bytes that are no such message, or more than `MOST_POINTS` or `MOST_NUMBERS`.
         ValueError: vectors that do not fit together.
     """
-    fields = Fields(data)
-    read = _trajectory(fields)
-    fields.end(_slack(read))
+    try:
+        fields = Fields(data)
+        read = _trajectory(fields)
+        fields.end(_slack(read))
+    except Malformed:
+        if not _has_no_points(data):
+            raise
+        return JointTrajectory((), EMPTY, EMPTY, EMPTY, EMPTY)
     return read
+
+
+def _has_no_points(data: bytes) -> bool:
+    """Say whether a message can be followed to its points, and has none."""
+    try:
+        fields = Fields(data)
+        fields.stamp()
+        fields.raw_text()  # its frame
+        for _ in range(fields.few("names")):
+            fields.raw_text()
+        return fields.count() == 0
+    except Malformed:
+        return False
 
 
 def decode_goal(data: bytes) -> JointTrajectory:

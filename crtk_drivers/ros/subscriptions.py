@@ -25,7 +25,7 @@ from crtk_drivers.ros.names import Frames
 from crtk_drivers.ros.senders import AttributedSubscription, Sender, Senders
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import CartesianServo, Pose, Text, Twist, Value, Wrench
-from crtk_drivers.state import Status
+from crtk_drivers.state import STOPS, Status
 from crtk_drivers.status.throttle import Throttle
 
 logger = logging.getLogger(__name__)
@@ -86,11 +86,28 @@ class CommandTopics:
         return lambda data, sender: self._submit_value(name, payload, data, sender)
 
     def _state_command(self, data: bytes, sender: Sender) -> None:
-        # A stop is not refused for what stands behind it.
-        value, stamp = self.read("state_command", Payload.TEXT, data, is_exact=False)
-        assert isinstance(value, Text)
-        self._admit("state_command", value.value)
-        self._engine.state_command(value.value, stamp)
+        text, stamp = self._text_of(data)
+        self._admit("state_command", text)
+        self._engine.state_command(text, stamp)
+
+    def _text_of(self, data: bytes) -> tuple[str, int]:
+        """Return what a state command says, and its stamp.
+
+        A stop is not refused for what stands before or behind it: of a message that cannot be read, the
+        stop that it names last counts.
+        """
+        try:
+            found = cdr.decode(ROS_TYPES[Payload.TEXT], data, is_exact=False)
+        except ValueError as error:
+            stop = cdr.last_word_of(data, STOPS)
+            if not stop:
+                raise self._unreadable("state_command", data, error) from error
+            if self._failures.passes(stop, time.monotonic()):
+                text = "%s: a state_command that cannot be read says %s, which is carried out: %s"
+                logger.warning(text, self._engine.where, stop, error)
+            return stop, 0
+        assert isinstance(found.value, Text)
+        return found.value.value, found.stamp_ns
 
     def _submit(self, name: str, sender: Sender) -> None:
         self._admit(name)
@@ -101,21 +118,23 @@ class CommandTopics:
         value, stamp = self.read(name, payload, data)
         self._engine.submit(name, value, stamp, sender)
 
-    def read(
-        self, name: str, payload: Payload, data: bytes, is_exact: bool = True
-    ) -> tuple[Value, int]:
+    def read(self, name: str, payload: Payload, data: bytes) -> tuple[Value, int]:
         """Return the value of a message, in the device's own frame, and its stamp."""
         try:
-            found = cdr.decode(ROS_TYPES[payload], data, is_exact=is_exact)
+            found = cdr.decode(ROS_TYPES[payload], data)
         except ValueError as error:
-            refusal = _refused(name, data, error, self._engine.where)
-            self._engine.report_refusal(refusal)
-            raise refusal from error
+            raise self._unreadable(name, data, error) from error
         value = found.value
         assert not isinstance(value, Status)  # no command and no input is one
         if isinstance(value, Pose | Twist | Wrench | CartesianServo):
             value = replace(value, frame_id=self._frames.incoming(value.frame_id))
         return value, found.stamp_ns
+
+    def _unreadable(self, name: str, data: bytes, error: ValueError) -> CommandRefused:
+        """Return the refusal of a message that cannot be read, which is counted."""
+        refusal = _refused(name, data, error, self._engine.where)
+        self._engine.report_refusal(refusal)
+        return refusal
 
     def guarded(self, name: str, handle: Callable[..., None]) -> Callable[..., None]:
         """Return `handle` such that it raises nothing into the executor."""

@@ -115,6 +115,21 @@ def test_efforts_are_not_followed() -> None:
         decode_trajectory(data.message)
 
 
+@pytest.mark.parametrize("behind", [b"", bytes(64)])
+@pytest.mark.parametrize("frame", [b"\xc3\x28\0", b"a\0b\0"])
+def test_one_without_points_is_read_whatever_its_texts_are(frame: bytes, behind: bytes) -> None:
+    data = Bytes().put("i", 0).put("I", 0).put("I", len(frame)).put(f"{len(frame)}B", *frame)
+    data.put("I", 1).put("I", 2).put("2B", 0xFF, 0).put("I", 0)
+    assert len(decode_trajectory(data.message + behind).times) == 0
+
+
+def test_one_with_points_is_refused_for_its_frame() -> None:
+    data = Bytes().put("i", 0).put("I", 0).put("I", 3).put("3B", 0xC3, 0x28, 0)
+    data.put("I", 0).put("I", 1).doubles(0.5).doubles().doubles().doubles().put("i", 0).put("I", 0)
+    with pytest.raises(Malformed, match="UTF-8"):
+        decode_trajectory(data.message)
+
+
 def test_more_points_than_are_taken_are_refused_before_any_is_read() -> None:
     data = Bytes().put("i", 0).put("I", 0).text("").put("I", 1).text("a").put("I", MOST_POINTS + 1)
     with pytest.raises(Malformed, match="points are more than"):

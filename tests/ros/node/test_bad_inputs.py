@@ -20,7 +20,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
-from rigs.loopback_node import Rig, rig_of
+from rigs.loopback_node import Rig, rig_of, slowly
 from rigs.waiting import eventually
 
 NAN, INF = math.nan, math.inf
@@ -152,6 +152,62 @@ def test_a_state_command_is_carried_out_whatever_stands_behind_it(rig: Rig) -> N
     since = rig.client["operating_state"].mark()
     rig.client.send("state_command", serialize_message(StringStamped(string="disable")) + bytes(64))
     rig.client["operating_state"].wait(lambda m: m.state == "DISABLED", since)
+
+
+def text_after(header: bytes, text: bytes) -> bytes:
+    """Return a state command whose header is `header`, from behind its stamp."""
+    begun = HEADER_ONLY[:12] + header
+    return begun + bytes(-len(begun) % 4) + struct.pack("<I", len(text)) + text
+
+
+DAMAGED_HEADERS = {
+    "no UTF-8": b"\3\0\0\0\xc3\x28\0",
+    "a zero": b"\4\0\0\0a\0b\0",
+    "a count beyond the end": b"\xff\xff\xff\x7f",
+    "no frame": b"",
+}
+DAMAGED_STOPS = {
+    **{
+        f"{why}, {word}": (word, text_after(header, word.encode() + b"\0"))
+        for why, header in DAMAGED_HEADERS.items()
+        for word in ("disable", "pause")
+    },
+    "zeros behind it": ("disable", text_after(HEADER_ONLY[12:], b"disable\0\0\0")),
+    "garbage behind it": ("pause", text_after(HEADER_ONLY[12:], b"pause\0\xff\xfe")),
+    "its last byte is missing": ("disable", text_after(HEADER_ONLY[12:], b"disable\0")[:-1]),
+    "XCDR2": ("disable", b"\0\x07" + text_after(HEADER_ONLY[12:], b"disable\0")[2:]),
+    "no header at all": ("pause", b"\0\1\0\0\6\0\0\0pause\0"),
+    "the stop is last": ("disable", text_after(b"\6\0\0\0pause\xff", b"disable\0")),
+}
+
+
+@pytest.mark.parametrize(("word", "data"), DAMAGED_STOPS.values(), ids=list(DAMAGED_STOPS))
+def test_a_stop_is_taken_from_a_damaged_message(rig: Rig, word: str, data: bytes) -> None:
+    rig.client.reach("enable", "ENABLED")
+    since = rig.client["operating_state"].mark()
+    rig.client.send("state_command", data)
+    reached = "DISABLED" if word == "disable" else "PAUSED"
+    rig.client["operating_state"].wait(lambda m: m.state == reached, since)
+
+
+@pytest.mark.parametrize("data", [b"", b"\0", b"\xff\xff"])
+def test_hold_is_taken_whatever_its_bytes_are(rig: Rig, data: bytes) -> None:
+    rig.client.reach("enable", "ENABLED")
+    engine = rig.session.engine
+    with slowly(engine):
+        rig.client.send("move_jp", joints(0.5, 0.0, 0.0, 0.0))
+        eventually(lambda: engine.status.is_busy, "the move has begun")
+        rig.client.send("hold", data)
+        eventually(lambda: not engine.status.is_busy, "the move has ended")
+    assert rig.client["measured_js"].messages[-1].position[0] < 0.4
+
+
+@pytest.mark.parametrize("header", DAMAGED_HEADERS.values(), ids=list(DAMAGED_HEADERS))
+def test_a_damaged_message_enables_nothing(rig: Rig, header: bytes) -> None:
+    since = rig.client["refusals"].mark()
+    rig.client.send("state_command", text_after(header, b"enable\0"))
+    told(rig, "state_command", "wrong_type", since)
+    assert rig.session.engine.status.state == "DISABLED"
 
 
 def test_a_stamp_that_is_none_silences_nothing(rig: Rig) -> None:
