@@ -137,6 +137,7 @@ class Intake:
         )
         self._stop_asked = False
         self._stops = 0  # that were asked for, or came of themselves; under the board's lock
+        self._newest_ns = 0  # when the newest stop or change of state came; under the board's lock
         self._can_wake = False
         self._orders = OrderMaker(context)
         self._arbiter = Arbiter(self.options, self.where)
@@ -305,6 +306,7 @@ class Intake:
         value: Value | None = None,
         stamp_ns: int = 0,
         client: Client = NOBODY,
+        received_ns: int = 0,
     ) -> Move | None:
         """Accept a command, to be executed in the next cycle; see `crtk_drivers.engine.waiting` for moves.
 
@@ -313,6 +315,8 @@ class Intake:
             value: of the type that the command table names; None for hold and free.
             stamp_ns: the sender's stamp, 0 if it gave none.
             client: who asks; see `crtk_drivers.motion.arbiter`.
+            received_ns: when it came, in ns since the epoch, if that was before now. One that came before
+                a stop, or before what changes the state, is not carried out after it.
 
         Returns:
             the handle of a move; None otherwise.
@@ -325,7 +329,7 @@ class Intake:
         try:
             command = self._require(name)
             if name == "hold":
-                self._hold(command, client)
+                self._hold(command, client, received_ns)
                 return None
             if command.level is Level.SETTING:
                 self._set(command, self._check.check(command, value), client)
@@ -335,9 +339,11 @@ class Intake:
             elif self._transitions.leads_to is OperatingState.ENABLED:
                 checked = self._check.check(command, value, stamp_ns, time.time_ns())
                 waiting = Waiting(command, checked, stamp_ns, client, Move(name))
-                if self._waiting.put(waiting):
-                    return waiting.move
-            return self._carry_out(command, value, stamp_ns, client)
+                with self._board.lock:
+                    self._require_newest(name, received_ns)
+                    if self._waiting.put(waiting):
+                        return waiting.move
+            return self._carry_out(command, value, stamp_ns, client, received_ns=received_ns)
         except CommandRefused as refusal:
             told = refusal.of(stamp_ns)
             self._board.refused(told)
@@ -359,7 +365,7 @@ class Intake:
                 if self.status.state is OperatingState.ENABLED:
                     self._put(Order("hold"), client)
 
-    def state_command(self, text: str, stamp_ns: int = 0) -> None:
+    def state_command(self, text: str, stamp_ns: int = 0, received_ns: int = 0) -> None:
         """Ask for ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``.
 
         Returns at once; the status tells when it is reached.
@@ -367,6 +373,7 @@ class Intake:
         Args:
             text: one of them.
             stamp_ns: the sender's stamp, 0 if it gave none.
+            received_ns: see `submit`.
 
         Raises:
             CommandRefused: unknown, invalid in this state, too old for what sets the device going, not
@@ -384,8 +391,12 @@ class Intake:
                     self._transitions.break_off("pause")
                 if command in STOPS:
                     self._stops += 1
+                    self._note_newest(received_ns)
                     self._requests.break_off(f"by {command}")
+                is_new = self._transitions.running is not command
                 if self._transitions.accept(command, stamp_ns):
+                    if is_new:
+                        self._note_newest(received_ns)
                     self._waiting.end(f"by {command}", Outcome.PREEMPTED)
         except CommandRefused as refusal:
             told = refusal.of(stamp_ns, self.where)
@@ -407,6 +418,7 @@ class Intake:
         if service is not None and service.stops:
             with self._board.lock:
                 self._stops += 1
+                self._note_newest()
             self._waiting.end(f"by {name}", Outcome.PREEMPTED)
             self._transitions.break_off(name)
         try:
@@ -499,13 +511,14 @@ class Intake:
                 remedy="Send hold, and then it again.",
             )
 
-    def _hold(self, command: Command, client: Client) -> None:
+    def _hold(self, command: Command, client: Client, received_ns: int) -> None:
         """End what goes on; where that has been done already, a stop that was not read back is sent again.
 
         One look at the state decides, so that no change of it makes this a refusal.
         """
         with self._board.lock:
             self._stops += 1
+            self._note_newest(received_ns)
             self._transitions.end_homing()
             self._transitions.break_off("hold")
             self._requests.break_off("by hold")
@@ -538,13 +551,15 @@ class Intake:
         stamp_ns: int,
         client: Client,
         waiting: Waiting | None = None,
+        received_ns: int = 0,
     ) -> Move | None:
         stops = self._stops
         order = self._order(command, value, stamp_ns, client)
         with self._board.lock:
             self._require_enabled(command.name)
             if self._stops != stops:
-                raise self._overtaken(command.name)
+                raise self._overtaken(command.name, "came while it was being judged")
+            self._require_newest(command.name, received_ns)
             if waiting is not None:
                 if not self._waiting.holds(waiting):
                     return None
@@ -593,12 +608,23 @@ class Intake:
             self._orders.ratios = changed
             self._context.latch(_ratio_values(changed), 0)
 
-    def _overtaken(self, name: str) -> CommandRefused:
-        """Return what to say of a command that was still being judged as a stop came, which is newer."""
+    def _note_newest(self, received_ns: int = 0) -> None:
+        """Remember when a stop, or what changes the state, came. Under the board's lock."""
+        now = time.time_ns()
+        before = self._newest_ns if self._newest_ns <= now else 0  # the clock was set back since
+        self._newest_ns = max(before, received_ns or now)
+
+    def _require_newest(self, name: str, received_ns: int) -> None:
+        """Refuse what came before the newest stop or change of state. Under the board's lock."""
+        if 0 < received_ns < self._newest_ns <= time.time_ns():
+            raise self._overtaken(name, "or another state came before it was carried out")
+
+    def _overtaken(self, name: str, when: str) -> CommandRefused:
+        """Return what to say of a command that something newer came before."""
         return CommandRefused(
             name,
             Reason.TOO_OLD,
-            "a stop came while it was being judged",
+            f"a stop {when}",
             where=self.where,
             remedy="Send it again if it is to be carried out after that.",
         )

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
-from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
@@ -16,10 +14,9 @@ from crtk_drivers.recording.cdr_trajectories import decode_trajectory
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.controllers import FORWARDS, TRAJECTORY, inputs_of
 from crtk_drivers.ros.joint_names import JointNames
-from crtk_drivers.ros.senders import AttributedSubscription, Sender
+from crtk_drivers.ros.received import Received
 from crtk_drivers.ros.subscriptions import CommandTopics
 from crtk_drivers.ros.trajectory_input import command_of, read_trajectory
-from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import Numbers, joint_state, vector
 
 
@@ -27,7 +24,6 @@ class ControllerTopics:
     """``joint_trajectory``, and the commands of two forward_command_controllers.
 
     Args:
-        node: of the driver.
         engine: of the device.
         topics: of the device's own commands.
         names: of its joints.
@@ -36,7 +32,6 @@ class ControllerTopics:
 
     def __init__(
         self,
-        node: UnlockedNode,
         engine: Engine,
         topics: CommandTopics,
         names: JointNames,
@@ -50,40 +45,28 @@ class ControllerTopics:
         for topic in inputs_of(engine.device):
             if topic == TRAJECTORY:
                 # One without points is a stop: what comes after it must not take its place.
-                self._listen(node, topic, JointTrajectory, self._trajectory, qos.EVERY)
+                heard = topics.listen(topic, JointTrajectory, self._trajectory, qos.EVERY)
             else:
                 forward = self._forward(FORWARDS[topic])
-                self._listen(node, topic, Float64MultiArray, forward, qos.NEWEST)
+                heard = topics.listen(topic, Float64MultiArray, forward, qos.NEWEST)
+            self.subscriptions[topic] = heard
 
-    def _listen(
-        self,
-        node: UnlockedNode,
-        topic: str,
-        kind: Any,
-        take: Callable[[bytes, Sender], None],
-        profile: QoSProfile,
-    ) -> None:
-        subscription = qos.subscription(node, kind, topic, lambda message: None, profile)
-        AttributedSubscription(
-            node, subscription, self._topics.guarded(topic, take), self._topics.senders
-        )
-        self.subscriptions[topic] = subscription
-
-    def _trajectory(self, data: bytes, sender: Sender) -> None:
-        asked = read_trajectory(self._engine, self._names, data, decode_trajectory)
+    def _trajectory(self, message: Received) -> None:
+        asked = read_trajectory(self._engine, self._names, message.data, decode_trajectory)
         command, value = command_of(asked)
         self._admit(command)
         # One that is gone along has a time of its own.
         stamp_ns = 0 if command == FOLLOW.name else asked.start_ns
-        self._engine.submit(command, value, stamp_ns, sender)
+        self._engine.submit(command, value, stamp_ns, message.sender, message.received_ns)
 
-    def _forward(self, command: str) -> Callable[[bytes, Sender], None]:
+    def _forward(self, command: str) -> Callable[[Received], None]:
         kind = find(command).kind
 
-        def take(data: bytes, sender: Sender) -> None:
+        def take(message: Received) -> None:
             self._admit(command)
-            value, _ = self._topics.read(command, Payload.NUMBERS, data)
+            value, _ = self._topics.read(command, Payload.NUMBERS, message.data)
             assert isinstance(value, Numbers)
-            self._engine.submit(command, joint_state(kind, vector(value.values)), client=sender)
+            joints = joint_state(kind, vector(value.values))
+            self._engine.submit(command, joints, 0, message.sender, message.received_ns)
 
         return take

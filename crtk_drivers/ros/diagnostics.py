@@ -7,12 +7,13 @@ difference to the last one, and a fault that is over does not colour the panel f
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from crtk_drivers.device import Severity
 from crtk_drivers.ros.messages import set_stamp
+from crtk_drivers.ros.senders import Flood
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
 
@@ -50,14 +51,23 @@ class Diagnostics:
         self._sample_timeout = sample_timeout
         self._last = Health()
 
-    def report(self, status: Status, health: Health, nanoseconds: int) -> DiagnosticArray:
-        """Return the report of the time since the last one."""
+    def report(
+        self, status: Status, health: Health, nanoseconds: int, floods: Sequence[Flood] = ()
+    ) -> DiagnosticArray:
+        """Return the report of the time since the last one.
+
+        Args:
+            status: of the device.
+            health: of the device.
+            nanoseconds: of the time, since the epoch.
+            floods: what clients send too often.
+        """
         message = DiagnosticArray()
         set_stamp(message.header.stamp, nanoseconds)
         message.status = [
             self._device(status, health),
             self._bus(health, connecting=status.connecting),
-            self._commands(health),
+            self._commands(health, floods),
         ]
         self._last = health
         return message
@@ -115,13 +125,15 @@ class Diagnostics:
             },
         )
 
-    def _commands(self, health: Health) -> DiagnosticStatus:
+    def _commands(self, health: Health, floods: Sequence[Flood]) -> DiagnosticStatus:
         total, before = sum(health.refusals.values()), sum(self._last.refusals.values())
-        refused = total > before
+        texts = [str(flood) for flood in floods]
+        if total > before:
+            texts.append(f"{total - before} refused, last: {health.last_refusal}")
         return self._status(
             "commands",
-            DiagnosticStatus.WARN if refused else DiagnosticStatus.OK,
-            f"{total - before} refused, last: {health.last_refusal}" if refused else "OK",
+            DiagnosticStatus.WARN if texts else DiagnosticStatus.OK,
+            "; ".join(texts) or "OK",
             {
                 "stream": health.stream or "none",
                 "stream timeouts": health.stream_timeouts,
@@ -130,6 +142,7 @@ class Diagnostics:
                 "warnings left out": health.warnings_left_out,
                 "refused": total,
                 **{f"refused {kind}": count for kind, count in health.refusals.items()},
+                **{f"flood {flood.topic} {flood.sender}": f"{flood.rate:.0f}" for flood in floods},
             },
         )
 

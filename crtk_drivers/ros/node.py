@@ -17,6 +17,7 @@ from crtk_drivers.config import NodeConfig
 from crtk_drivers.engine import Engine, Observer
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.command_threads import CommandThreads
 from crtk_drivers.ros.controller_topics import ControllerTopics
 from crtk_drivers.ros.diagnostics import Diagnostics
 from crtk_drivers.ros.joint_names import JointNames
@@ -125,7 +126,8 @@ class DriverNode:
         shares = declare_fixed(node, config, "share_namespace")
         self._presence = Presence(node, self._thread, engine, shares, self._serve_or_stand_by)
         admit = self._presence.admit
-        self._commands = CommandTopics(node, engine, frames, admit)
+        self._command_threads = CommandThreads(engine.name)
+        self._commands = CommandTopics(node, engine, frames, admit, self._command_threads)
         self._thread.job("senders", self._commands.senders.look, LOOK_RATE)
         self._services = Services(node, engine, self._status.next_stamp)
         self._device_services = DeviceServices(context, node.get_namespace(), engine, admit)
@@ -136,7 +138,7 @@ class DriverNode:
             self._joint_states = JointStatesTopic(node, self._thread, engine, joints)
         self._actions: Actions | None = None
         if serves_moveit:
-            ControllerTopics(node, engine, self._commands, joints, admit)
+            ControllerTopics(engine, self._commands, joints, admit)
             where = context, node.get_namespace()
             self._actions = Actions(*where, self._thread, engine, joints, admit)
         self._ros_names = self._names_on_ros()
@@ -165,6 +167,7 @@ class DriverNode:
         self._thread.start()
         self._latched.job.ask()
         self._description.job.ask()
+        self._command_threads.start()
         self._services.start()
         self._device_services.start()
         if self._actions is not None:
@@ -176,11 +179,12 @@ class DriverNode:
         self._engine.remove_observer(self._listener)
         self._engine.on_sample = None
         self._presence.leave()
+        read = self._command_threads.stop(timeout)
         self._services.stop(timeout)
         self._device_services.stop(timeout)
         if self._actions is not None:
             self._actions.stop(timeout)
-        return self._thread.stop(timeout)
+        return self._thread.stop(timeout) and read
 
     def _set_publish_rate(self, rate: float) -> None:
         self._feedback.set_rate(rate)
@@ -225,7 +229,9 @@ class DriverNode:
         self._diagnostics_job = self._thread.job(
             "diagnostics",
             lambda: publisher.publish(
-                diagnostics.report(engine.status, engine.health(), time.time_ns())
+                diagnostics.report(
+                    engine.status, engine.health(), time.time_ns(), self._commands.senders.floods
+                )
             ),
         )
 

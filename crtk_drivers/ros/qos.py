@@ -50,9 +50,14 @@ TF = _profile(100, DurabilityPolicy.VOLATILE)
 NEWEST = _profile(1, DurabilityPolicy.VOLATILE)
 """For absolute commands: an older one is worth nothing."""
 EVERY = _profile(10, DurabilityPolicy.VOLATILE)
-"""For state_command, hold, free, and trajectories, of which one without points is a stop: each counts."""
+"""For free, and trajectories, of which one without points is a stop: each counts."""
+STOPS = _profile(1000, DurabilityPolicy.VOLATILE)
+"""For state_command and hold: each counts, also beside a client that sends 40 000 a second for 25 ms."""
 INCREMENTS = _profile(200, DurabilityPolicy.VOLATILE)
 """For relative commands: a lost one is lost motion. 200 of them are 0.4 s at 500 Hz."""
+
+STOPPING = frozenset({"state_command", "hold"})
+"""Commands that are stops, or may be."""
 
 OVERRIDES = QoSOverridingOptions.with_default_policies()
 NO_OVERRIDES = QoSOverridingOptions(())
@@ -60,6 +65,8 @@ NO_OVERRIDES = QoSOverridingOptions(())
 
 def of_command(command: Command) -> QoSProfile:
     """Return the profile with which the device subscribes to `command`."""
+    if command.name in STOPPING:
+        return STOPS
     if not command.is_motion:
         return EVERY
     return INCREMENTS if command.is_relative else NEWEST

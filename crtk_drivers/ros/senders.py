@@ -1,26 +1,24 @@
-"""Who sent a message: commands that come with their sender, as far as DDS tells it.
+"""Who sent a message, as far as DDS tells it, and how many it sends a second.
 
-rclpy drops the sender of a message. These subscriptions are therefore read by rcl's own function, called by
-ctypes, which gives it: the id (gid) of the publisher. All publishers of a process have the first twelve bytes
-of it in common with Fast DDS, and the graph says which node a publisher belongs to: a client is a node of a
-process. Of other middlewares only the ids are compared, so that two publishers of one topic are two clients.
+A message comes with the id (gid) of its publisher; see `crtk_drivers.ros.received`. All publishers of
+a process have the first twelve bytes of it in common with Fast DDS, and the graph says which node a publisher
+belongs to: a client is a node of a process. Of other middlewares only the ids are compared, so that two
+publishers of one topic are two clients.
 """
 
 from __future__ import annotations
 
-import ctypes
 import logging
-from collections.abc import Callable
+import threading
+import time
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
-from rclpy.waitable import NumberOfEntities, Waitable
 from typing_extensions import override
 
 from crtk_drivers.motion.arbiter import Client
-from crtk_drivers.ros.unlocked import UnlockedNode, new_message, rcl_error
 
 logger = logging.getLogger(__name__)
 
@@ -32,26 +30,27 @@ KNOWN_SENDERS = 256
 
 _PARTICIPANT = 12
 UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"
-_NOTHING_THERE = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED (rcl/types.h)
+FLOOD_RATE = 2500.0
+"""Messages a second of one publisher that are worth a warning: no device carries out as many."""
 
 
-class _MessageInfo(ctypes.Structure):
-    """``rmw_message_info_t`` (rmw/types.h)."""
+@dataclass(frozen=True, slots=True)
+class Flood:
+    """What one publisher sends of one topic, too often.
 
-    _fields_ = (
-        ("source_timestamp", ctypes.c_int64),
-        ("received_timestamp", ctypes.c_int64),
-        ("publication_sequence_number", ctypes.c_uint64),
-        ("reception_sequence_number", ctypes.c_uint64),
-        ("implementation", ctypes.c_void_p),
-        ("gid", ctypes.c_uint8 * 16),
-        ("from_intra_process", ctypes.c_bool),
-    )
+    Attributes:
+        topic: full name.
+        sender: in words.
+        rate: messages a second.
+    """
 
+    topic: str
+    sender: str
+    rate: float
 
-# It is in this process already: rclpy is linked with it.
-_take = ctypes.CDLL("librcl.so").rcl_take_serialized_message
-_take.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+    @override
+    def __str__(self) -> str:
+        return f"{self.sender} sends {self.rate:.0f} messages a second on {self.topic}"
 
 
 class Sender(Client):
@@ -62,6 +61,7 @@ class Sender(Client):
         gid: of the publisher.
         participant: the part of `gid` that all publishers of its process have; empty if there is none.
         is_watched: somebody wants to know whether it is there.
+        sent: the number of its newest message that was read here; those count that were not read, too.
     """
 
     def __init__(self, node: Node, topic: str, gid: bytes, has_participant: bool) -> None:
@@ -72,6 +72,8 @@ class Sender(Client):
         self.participant = gid[:_PARTICIPANT] if has_participant else b""
         self._owner = ""
         self.is_watched = False
+        self.sent = 0
+        self._counted = 0
 
     @property
     @override
@@ -88,6 +90,12 @@ class Sender(Client):
     def look(self) -> None:
         """Ask the graph whether the publisher is there."""
         self._is_there = self._info is not None
+
+    def count(self) -> int:
+        """Return how many messages it has sent since this was asked last."""
+        sent, before = self.sent, self._counted
+        self._counted = sent
+        return sent - before if before else 0
 
     @override
     def is_same(self, other: Client) -> bool:
@@ -120,21 +128,32 @@ class Sender(Client):
 
 
 class Senders:
-    """The publishers that a node has heard."""
+    """The publishers that a node has heard.
+
+    Attributes:
+        floods: what was sent too often, as `look` found it last.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._has_participant = get_rmw_implementation_identifier().startswith("rmw_fastrtps")
         self._known: dict[tuple[str, bytes], Sender] = {}
+        self._lock = threading.Lock()
+        self._looked = time.monotonic()
+        self.floods: tuple[Flood, ...] = ()
 
     def of(self, topic: str, gid: bytes) -> Sender:
         """Return the sender of a message on a topic (full name)."""
         key = topic, gid
-        if key not in self._known:
+        found = self._known.get(key)
+        if found is not None:
+            return found
+        with self._lock:
             if len(self._known) >= KNOWN_SENDERS:
                 self._forget_one()
-            self._known[key] = Sender(self._node, topic, gid, self._has_participant)
-        return self._known[key]
+            return self._known.setdefault(
+                key, Sender(self._node, topic, gid, self._has_participant)
+            )
 
     def _forget_one(self) -> None:
         for key, sender in self._known.items():
@@ -143,91 +162,25 @@ class Senders:
                 return
 
     def look(self) -> None:
-        """Find out which of those that are watched are there, and forget those that are not."""
-        for key, sender in tuple(self._known.items()):
+        """Find out which of those that are watched are there, forget those that are not, and count."""
+        with self._lock:
+            known = tuple(self._known.items())
+        for key, sender in known:
             if sender.is_watched:
                 sender.look()
                 if not sender.is_there:
-                    self._known.pop(key, None)
+                    with self._lock:
+                        self._known.pop(key, None)
+        self._look_for_floods([sender for _, sender in known])
 
-
-class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no types
-    """Reads a subscription in the executor's stead, and hands over each message, as bytes, with its sender.
-
-    Args:
-        node: that the subscription was made by, before an executor has it.
-        subscription: not used otherwise from now on.
-        receive: called with the message and its sender, by the executor's thread; must not raise.
-        senders: of the node.
-    """
-
-    def __init__(
-        self,
-        node: UnlockedNode,
-        subscription: Subscription,
-        receive: Callable[[bytes, Sender], None],
-        senders: Senders,
-    ) -> None:
-        super().__init__(subscription.callback_group)
-        self._handle = subscription.handle
-        self._topic = subscription.topic_name
-        self._receive = receive
-        self._senders = senders
-        self._index = -1
-        self._failed = False
-        self._info = _MessageInfo()
-        self._message = new_message()
-        node.read_by(subscription, self)
-
-    def __del__(self) -> None:
-        self._message.release()
-
-    def __enter__(self) -> None:
-        self._handle.__enter__()
-
-    def __exit__(self, *error: object) -> None:
-        self._handle.__exit__(*error)
-
-    def get_num_entities(self) -> NumberOfEntities:
-        """See rclpy."""
-        return NumberOfEntities(num_subs=1)
-
-    def add_to_wait_set(self, wait_set: Any) -> None:
-        """See rclpy."""
-        self._index = wait_set.add_subscription(self._handle)
-
-    def is_ready(self, wait_set: Any) -> bool:
-        """See rclpy."""
-        return bool(wait_set.is_ready("subscription", self._index))
-
-    def take_data(self) -> None:
-        """Hand over the next message, unless a newer one has taken its place.
-
-        Not in `execute`, as rclpy would: the EventsExecutor calls that only after all that has arrived by
-        now, and commands of a flood would be carried out long after they were sent.
-        """
-        try:
-            taken = self._taken()
-        except Exception:
-            # What anybody can send must not end the executor.
-            if not self._failed:
-                logger.exception("a message on %s could not be read", self._topic)
-            self._failed = True
-            return
-        if taken is not None:
-            self._receive(*taken)
-
-    async def execute(self, nothing: None) -> None:
-        """See rclpy. `take_data` has done it."""
-
-    def _taken(self) -> tuple[bytes, Sender] | None:
-        info, wire = self._info, self._message
-        with self._handle:
-            failed = _take(self._handle.pointer, ctypes.byref(wire), ctypes.byref(info), None)
-        if failed:
-            text = rcl_error()
-            if failed == _NOTHING_THERE:
-                return None
-            raise RuntimeError(f"DDS did not hand over a message: {text}")
-        data = ctypes.string_at(wire.buffer, wire.length)
-        return data, self._senders.of(self._topic, bytes(info.gid))
+    def _look_for_floods(self, known: list[Sender]) -> None:
+        now = time.monotonic()
+        elapsed, self._looked = now - self._looked, now
+        counted = [(sender, sender.count() / elapsed) for sender in known]
+        before = {(flood.topic, flood.sender) for flood in self.floods}
+        self.floods = tuple(
+            Flood(sender.topic, sender.name, rate) for sender, rate in counted if rate > FLOOD_RATE
+        )
+        for flood in self.floods:
+            if (flood.topic, flood.sender) not in before:
+                logger.warning("%s, more than are read: the newest counts", flood)

@@ -2,7 +2,7 @@
 
 A message is read from its bytes, and no ROS object is made of it. A callback reads, hands over to the
 engine, which checks everything, and returns; it never waits and touches no bus. What is refused is counted
-and told by the engine; nothing raises into the executor.
+and told by the engine; nothing raises into the thread that reads.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from crtk_drivers.commands import ROS_TYPES, Command, Direction, Payload
@@ -20,9 +21,11 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.command_threads import CommandThreads, HeardTopic
 from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
-from crtk_drivers.ros.senders import AttributedSubscription, Sender, Senders
+from crtk_drivers.ros.received import Received
+from crtk_drivers.ros.senders import Senders
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import CartesianServo, Pose, Text, Twist, Value, Wrench
 from crtk_drivers.state import STOPS, Status
@@ -41,14 +44,22 @@ class CommandTopics:
         engine: of the device.
         frames: names of its frames.
         admit: called with each command, and what it says if it is a state command; may refuse it.
+        threads: read them.
 
     Attributes:
         senders: of what arrived on them.
     """
 
     def __init__(
-        self, node: UnlockedNode, engine: Engine, frames: Frames, admit: Callable[..., None]
+        self,
+        node: UnlockedNode,
+        engine: Engine,
+        frames: Frames,
+        admit: Callable[..., None],
+        threads: CommandThreads,
     ) -> None:
+        self._node = node
+        self._threads = threads
         self._engine = engine
         self._admit = admit
         self._frames = frames
@@ -60,35 +71,43 @@ class CommandTopics:
             if command.direction is not Direction.COMMANDED:
                 continue
             profile, kind = qos.of_command(command), TYPES[command.payload]
-            subscription = qos.subscription(node, kind, name, _unread, profile)
-            receive = self.guarded(name, self._handler(name, command))
-            AttributedSubscription(node, subscription, receive, self.senders)
-            self.subscriptions[name] = subscription
+            self.subscriptions[name] = self.listen(
+                name, kind, self._handler(name, command), profile
+            )
         for name, taken in engine.inputs.items():
-            receive = self.guarded(name, self._taking(name, taken.payload))
-            self.subscriptions[name] = qos.subscription(
-                node, TYPES[taken.payload], name, receive, qos.NEWEST, raw=True
+            self.subscriptions[name] = self.listen(
+                name, TYPES[taken.payload], self._taking(name, taken.payload), qos.NEWEST
             )
 
-    def _taking(self, name: str, payload: Payload) -> Callable[[bytes], None]:
-        def take(data: bytes) -> None:
+    def listen(
+        self, topic: str, kind: Any, handle: Callable[[Received], None], profile: QoSProfile
+    ) -> Subscription:
+        """Hand each message on a topic to `handle`, from one of the threads that read commands."""
+        subscription = qos.subscription(self._node, kind, topic, _unread, profile)
+        receive = self._guarded(topic, handle)
+        heard = HeardTopic(self._node, subscription, receive, self.senders)
+        self._threads.add(heard, stops=topic in qos.STOPPING)
+        return subscription
+
+    def _taking(self, name: str, payload: Payload) -> Callable[[Received], None]:
+        def take(message: Received) -> None:
             self._admit(name)
-            self._engine.give(name, self.read(name, payload, data)[0])
+            self._engine.give(name, self.read(name, payload, message.data)[0])
 
         return take
 
-    def _handler(self, name: str, command: Command) -> Callable[[bytes, Sender], None]:
+    def _handler(self, name: str, command: Command) -> Callable[[Received], None]:
         payload = command.payload
         if payload is Payload.TEXT:
             return self._state_command
         if payload is Payload.EMPTY:
-            return lambda data, sender: self._submit(name, sender)
-        return lambda data, sender: self._submit_value(name, payload, data, sender)
+            return lambda message: self._submit(name, message)
+        return lambda message: self._submit_value(name, payload, message)
 
-    def _state_command(self, data: bytes, sender: Sender) -> None:
-        text, stamp = self._text_of(data)
+    def _state_command(self, message: Received) -> None:
+        text, stamp = self._text_of(message.data)
         self._admit("state_command", text)
-        self._engine.state_command(text, stamp)
+        self._engine.state_command(text, stamp, message.received_ns)
 
     def _text_of(self, data: bytes) -> tuple[str, int]:
         """Return what a state command says, and its stamp.
@@ -109,14 +128,14 @@ class CommandTopics:
         assert isinstance(found.value, Text)
         return found.value.value, found.stamp_ns
 
-    def _submit(self, name: str, sender: Sender) -> None:
+    def _submit(self, name: str, message: Received) -> None:
         self._admit(name)
-        self._engine.submit(name, client=sender)
+        self._engine.submit(name, client=message.sender, received_ns=message.received_ns)
 
-    def _submit_value(self, name: str, payload: Payload, data: bytes, sender: Sender) -> None:
+    def _submit_value(self, name: str, payload: Payload, message: Received) -> None:
         self._admit(name)
-        value, stamp = self.read(name, payload, data)
-        self._engine.submit(name, value, stamp, sender)
+        value, stamp = self.read(name, payload, message.data)
+        self._engine.submit(name, value, stamp, message.sender, message.received_ns)
 
     def read(self, name: str, payload: Payload, data: bytes) -> tuple[Value, int]:
         """Return the value of a message, in the device's own frame, and its stamp."""
@@ -136,12 +155,12 @@ class CommandTopics:
         self._engine.report_refusal(refusal)
         return refusal
 
-    def guarded(self, name: str, handle: Callable[..., None]) -> Callable[..., None]:
-        """Return `handle` such that it raises nothing into the executor."""
+    def _guarded(self, name: str, handle: Callable[[Received], None]) -> Callable[[Received], None]:
+        """Return `handle` such that it raises nothing into the thread that reads."""
 
-        def receive(*message: Any) -> None:
+        def receive(message: Received) -> None:
             try:
-                handle(*message)
+                handle(message)
             except CommandRefused:
                 pass  # the engine has counted it and told its observers
             except Exception:
@@ -165,4 +184,4 @@ def _refused(name: str, data: bytes, error: ValueError, where: str) -> CommandRe
 
 
 def _unread(message: Any) -> None:
-    """The callback of a subscription that an `AttributedSubscription` reads."""
+    """The callback of a subscription that `CommandThreads` read."""

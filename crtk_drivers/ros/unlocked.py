@@ -125,8 +125,12 @@ class UnlockedNode(Node):  # type: ignore[misc]  # rclpy has no types
 
     def read_by(self, subscription: Subscription, reader: Waitable) -> None:
         """Let `reader` take the messages of a subscription of this node, which no executor has yet."""
-        self._read_otherwise.append(subscription)
+        self.leave_to_others(subscription)
         self.add_waitable(reader)
+
+    def leave_to_others(self, subscription: Subscription) -> None:
+        """Let no executor read a subscription of this node, which none has yet."""
+        self._read_otherwise.append(subscription)
 
     def serve_by(self, service: Service, server: Waitable) -> None:
         """Let `server` take the requests of a service of this node, which no executor has yet."""

@@ -1,5 +1,6 @@
 """Hold, and free drive, cycle by cycle, on a clock of its own."""
 
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -12,7 +13,7 @@ from crtk_drivers.errors import (
 )
 from crtk_drivers.samples import Pose, Vector
 from crtk_drivers.state import OperatingState
-from rigs.scripted_engine import Rig, SlideAndTurn, jv, pose, two_joints
+from rigs.scripted_engine import Rig, SlideAndTurn, jp, jv, pose, two_joints
 
 S = OperatingState
 
@@ -155,3 +156,39 @@ def test_nothing_begins_after_a_stop_that_came_while_it_was_judged(
     rig.engine.submit(name, pose(0.01))
     rig.cycle()
     assert rig.written
+
+
+def test_what_came_before_a_stop_is_not_carried_out_after() -> None:
+    rig = Rig().enabled()
+    now = time.time_ns() - 1000
+    rig.engine.submit("hold", received_ns=now)
+    with pytest.raises(CommandRefused, match="before it was carried out") as caught:
+        rig.engine.submit("servo_jv", jv(0.1, 0.0), received_ns=now - 1)
+    assert caught.value.reason is Reason.TOO_OLD
+    rig.engine.submit("servo_jv", jv(0.1, 0.0), received_ns=now + 1)
+
+
+def test_what_came_before_enable_is_not_carried_out_after() -> None:
+    rig = Rig().enabled()
+    rig.command("disable")
+    now = time.time_ns()
+    rig.engine.state_command("enable", received_ns=now)
+    for _ in range(2):  # while it is carried out, and after
+        with pytest.raises(CommandRefused, match="before it was carried out"):
+            rig.engine.submit("move_jp", jp(0.1, 0.0), received_ns=now - 1)
+        rig.cycle(2)
+    assert rig.state is S.ENABLED
+
+
+def test_enable_again_makes_no_command_old() -> None:
+    rig = Rig().enabled()
+    now = time.time_ns()
+    rig.engine.state_command("enable", received_ns=now)
+    rig.engine.submit("servo_jv", jv(0.1, 0.0), received_ns=now - 1)
+
+
+def test_a_clock_that_was_set_back_refuses_nothing() -> None:
+    rig = Rig().enabled()
+    now = time.time_ns()
+    rig.engine.submit("hold", received_ns=now + 3600 * 10**9)
+    rig.engine.submit("servo_jv", jv(0.1, 0.0), received_ns=now)

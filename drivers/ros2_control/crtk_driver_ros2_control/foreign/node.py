@@ -28,7 +28,8 @@ from crtk_driver_ros2_control.asking import Asked, Delivery, Following
 from crtk_driver_ros2_control.foreign import messages
 from crtk_driver_ros2_control.outgoing import IDLE
 from crtk_drivers.ros import qos
-from crtk_drivers.ros.senders import AttributedSubscription, Sender, Senders
+from crtk_drivers.ros.received import AttributedSubscription
+from crtk_drivers.ros.senders import Sender, Senders
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
 from crtk_drivers.ros.unlocked import UnlockedNode
 
