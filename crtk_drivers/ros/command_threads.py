@@ -25,6 +25,7 @@ from rclpy.subscription import Subscription
 from crtk_drivers.ros.received import Messages, Received
 from crtk_drivers.ros.senders import Senders
 from crtk_drivers.ros.unlocked import UnlockedNode, rcl_error
+from crtk_drivers.status.real_time import ask_for_real_time
 
 PERIOD: Final = 0.0005
 """Shortest time in s between two rounds: no device takes commands more often."""
@@ -32,6 +33,8 @@ MOST: Final = 50
 """Messages of one topic in one round, at most. Of absolute commands DDS holds one."""
 MOST_STOPS: Final = 2000
 """Stops and state commands of one topic in one round, at most: more than DDS holds."""
+REAL_TIME_PRIORITY: Final = 1
+"""Below the I/O threads: who has Python's lock must not wait for a processor while they wait for the lock."""
 WAIT: Final = 1.0
 """Longest time in s that a thread waits for messages."""
 
@@ -148,6 +151,7 @@ class CommandThreads:
         return True
 
     def _run(self, topics: _Topics, step: Callable[[], None]) -> None:
+        ask_for_real_time(REAL_TIME_PRIORITY)
         begun = 0.0
         while topics.wait(WAIT) or not self._ended.is_set():
             if self._ended.is_set():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import logging
-import time
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
@@ -51,7 +50,7 @@ class Received(NamedTuple):
     Attributes:
         data: as CDR.
         sender: its publisher.
-        received_ns: when it came, since the epoch.
+        received_ns: when it came, since the epoch; 0 if the middleware does not say.
     """
 
     data: bytes
@@ -103,7 +102,7 @@ class Messages:
         sender = self._senders.of(self._topic, bytes(info.gid))
         number = info.publication_sequence_number
         sender.sent = sender.sent + 1 if number == _NOT_COUNTED else number
-        return Received(data, sender, info.received_timestamp or time.time_ns())
+        return Received(data, sender, info.received_timestamp)
 
 
 class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no types

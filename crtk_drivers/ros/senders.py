@@ -183,4 +183,4 @@ class Senders:
         )
         for flood in self.floods:
             if (flood.topic, flood.sender) not in before:
-                logger.warning("%s, more than are read: the newest counts", flood)
+                logger.warning("%s, which is a flood: send less", flood)
