@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from typing_extensions import override
 
-from crtk_drivers.device import Condition, Device
+from crtk_drivers.device import Condition, Device, Goal, Setpoint
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 from crtk_drivers.samples import JointState, Sample
 from crtk_drivers.state import OperatingState
@@ -31,10 +32,15 @@ _CONDITIONS = {
 
 
 class DisturbedDevice(WrappedDevice):
-    """Passes on to the device inside, except for the fault that is on. Thread-safe."""
+    """Passes on to the device inside, except for the fault that is on. Thread-safe.
+
+    Attributes:
+        on_motion: called by the I/O thread once each motion (a setpoint, a move) was given to the device.
+    """
 
     def __init__(self, inner: Device) -> None:
         super().__init__(inner)
+        self.on_motion: Callable[[], object] = lambda: None
         self._fault = ""
         self._over = threading.Event()
         self._over.set()
@@ -67,6 +73,16 @@ class DisturbedDevice(WrappedDevice):
             raise ConnectionFailed("no answer", where=self.address, remedy="Is it on?")
         with self._lock:
             self.inner.open(deadline)
+
+    @override
+    def write(self, setpoint: Setpoint) -> None:
+        self.inner.write(setpoint)
+        self.on_motion()
+
+    @override
+    def move(self, goal: Goal) -> None:
+        self.inner.move(goal)
+        self.on_motion()
 
     @override
     def read(self, deadline: float) -> Sample | None:

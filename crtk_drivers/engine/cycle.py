@@ -383,6 +383,8 @@ class Engine(Intake):
         """Advance the service that runs. One that moves begins as a transition does: at rest."""
         if self._requests.step(now, self._may_move, self._moved_by_service):
             self._stopping.stop()
+        if self._requests.moves:
+            self._stopping.motion_sent()
 
     def _moved_by_service(self) -> None:
         """Forget what was sent before: a service moves the device now."""

@@ -196,6 +196,14 @@ class Requests:
             if request is not None and self._services[request.name].moves:
                 request.broken_off_by = request.broken_off_by or by
 
+    @property
+    def moves(self) -> bool:
+        """Whether a service that moves the device has begun, and has not ended."""
+        request = self._request
+        if request is None or self._procedure is None:
+            return False
+        return self._services[request.name].moves
+
     def end_broken(self) -> bool:
         """End the service that was broken off; return whether it had begun, so that something may move."""
         request = self._request

@@ -67,6 +67,7 @@ def begin_move(
             raise MotionAborted(f"the device is {context.board.status.state}")
         context.feedback.follow_device()
         context.stopping.moves_again()
+        context.stopping.motion_sent()
         return NativeMove(order, context)
     if isinstance(before, StreamedMove):
         pace = before.pace
@@ -96,6 +97,7 @@ class NativeMove(Activity):
         super().__init__(order.name, order.stamp_ns, order.move)
         assert order.goal is not None
         self._device = context.device
+        self._stopping = context.stopping
         self._joints = order.joints
         self._ended: float | None = None
         self._device.move(order.goal)
@@ -107,6 +109,7 @@ class NativeMove(Activity):
         if progress is MoveProgress.FAILED:
             raise MotionAborted(f"the hardware ended {self.name} before its goal")
         if progress is not MoveProgress.DONE:
+            self._stopping.motion_sent()
             return False
         if self._ended is None:
             self._ended = now

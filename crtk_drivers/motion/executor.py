@@ -397,6 +397,7 @@ class MotionExecutor:
             self._end_stream(activity)
             return activity.name
         activity.end(Outcome.REACHED)
+        self._stopping.motion_ended()
         self._not_busy()
         return ""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Mode, Setpoint
 from crtk_drivers.errors import DeviceFault
@@ -124,5 +126,15 @@ class Output:
         # The watchdog may have intervened since this cycle began.
         if self._context.board.status.state is OperatingState.ENABLED:
             self._context.stopping.moves_again()
+            if not self._is_in_force(setpoint):
+                lasts = setpoint.mode.kind is not Kind.POSITION and bool(setpoint.values.any())
+                self._context.stopping.motion_sent(lasts=lasts)
             self.tick_taken = True
             self._device.write(setpoint)
+
+    def _is_in_force(self, setpoint: Setpoint) -> bool:
+        """Whether a setpoint was sent before, and is in force still."""
+        last = self.last
+        if last is None or last.mode is not setpoint.mode:
+            return False
+        return np.array_equal(last.values, setpoint.values)

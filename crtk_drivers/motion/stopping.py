@@ -5,6 +5,9 @@ until a sample that was acquired afterwards shows them standing, and the device 
 carried out (`Device.has_stopped`). Until then the stop is sent again and again; past the time that the device
 declares (`StopPolicy.time`) it counts as not carried out. Hardware that somebody has slowed down
 (`Device.pace`) brakes as slowly, and gets as much more time.
+
+A motion that was sent counts as well, until a later sample shows the joints standing: if the link is lost
+before that, nobody knows whether the hardware moves.
 """
 
 from __future__ import annotations
@@ -38,6 +41,9 @@ _HALF = 0.5
 
 SLOWEST_PACE = 0.05
 """Of real time: hardware that is slowed down further counts as standing."""
+
+_LAG = 0.1
+"""Seconds in which a motion that was sent may not show yet, where the device declares none (`Following`)."""
 
 _SHORTEST = 1e-3
 """Seconds between two positions from which a speed can be told."""
@@ -81,11 +87,14 @@ class Stopping:
             or capabilities.has_free
             or capabilities.needs_homing
         )
+        following = capabilities.following
+        self._lag = _LAG if following is None else following.lag
+        self._seen_from = -math.inf  # a sample that was acquired later shows what was sent last
         self._asked = -math.inf
         self._longest_look = HELD_UP + 2.0 / capabilities.rate
         self._passed = self._watched_for = self._counted = 0.0
         self._sent = -math.inf
-        self._watches = False
+        self._watches = self._was_sent = False
         self._position: tuple[float, Vector] | None = None
         self._moving = ""
         self._last_seen = ""
@@ -120,6 +129,20 @@ class Stopping:
     def moves_again(self) -> None:
         """A motion is begun on purpose: the stop before it is not watched any more."""
         self._watches = False
+
+    def motion_sent(self, *, lasts: bool = False) -> None:
+        """A motion was sent, or goes on: the hardware counts as moving until it is seen to stand after it.
+
+        Args:
+            lasts: it has no end of its own, as a velocity or an effort; a stop that is read back ends it.
+        """
+        self._was_sent = self._can_move
+        self._seen_from = math.inf if lasts else self._clock() + self._lag
+
+    def motion_ended(self) -> None:
+        """What was sent has been carried out, as was measured: the first sample in which it stands counts."""
+        self._seen_from = -math.inf
+        self._was_sent = self._was_sent and bool(self._moving)
 
     def begin_anew(self) -> None:
         """Give a stop that was not read back its time once more: after a connection, or once power is off."""
@@ -156,10 +179,10 @@ class Stopping:
 
     @property
     def unseen(self) -> str:
-        """What to say of a stop if the joints still moved when they were last seen; empty if not."""
-        if not self._watches or not self._last_seen:
-            return ""
-        return f"{UNSEEN}: {self._last_seen} when it was last seen"
+        """What to say if joints moved when they were last seen, or were sent a motion after it; else empty."""
+        if self._last_seen and (self._watches or self._was_sent):
+            return f"{UNSEEN}: {self._last_seen} when it was last seen"
+        return f"{UNSEEN}: it was sent a motion, and not seen since" if self._was_sent else ""
 
     @property
     def time(self) -> float:
@@ -193,10 +216,13 @@ class Stopping:
         if moving is None:
             return
         self._moving = moving
-        if not self._watches:
+        if moving or not (self._watches or self._was_sent):
             return
-        if not moving and sample.stamp.monotonic > self._asked and self._device.has_stopped:
-            self._watches = False
+        at = sample.stamp.monotonic
+        if self._watches and at > self._asked and self._device.has_stopped:
+            self._watches = self._was_sent = False
+        elif sample.stamp.wall_ns and at > self._seen_from and self._device.has_arrived:
+            self._was_sent = False
 
     def _motion_of(self, state: JointState, at: float) -> str | None:
         """Return what moves, in words; None if that cannot be told yet."""

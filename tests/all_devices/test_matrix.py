@@ -17,21 +17,13 @@ from bench.reliability.procedures import BrokenPromiseError, run
 from bench.reliability.rig import Rig
 from bench.reliability.rigs import RIGS
 from bench.reliability.table import FAULTS, NOW_AND_THEN, Cell, covering, full, thinned
-from rigs.fault_rigs import FaultRigs
+from rigs.fault_rigs import SLOW, FaultRigs
 
 CELLS = [
     cell
     for rig in RIGS.values()
     for cell in covering(rig.name, rig.ways, rig.activities, thorough=rig.thorough)
 ]
-
-SLOW = {
-    *("copley", "dvrk", "dvrk-driven", "ros2-control", "haply"),
-    *("force-dimension", "openhaptics", "optoforce", "raven", "inputs"),
-}
-"""Drivers whose wire is DDS, or a line of one question at a time: a machine that runs all tests delays them
-by more than an arm may be behind. Those
-whose own tests ask the same in less time."""
 
 
 def _parameters() -> Iterator[object]:

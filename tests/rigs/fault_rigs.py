@@ -5,7 +5,14 @@ from __future__ import annotations
 from bench.reliability.rig import Rig
 from bench.reliability.rigs import RIGS
 
-__all__ = ["FaultRigs"]
+__all__ = ["SLOW", "FaultRigs"]
+
+SLOW = {
+    *("copley", "dvrk", "dvrk-driven", "ros2-control", "haply"),
+    *("force-dimension", "openhaptics", "optoforce", "raven", "inputs"),
+}
+"""Drivers whose wire is DDS, or a line of one question at a time: a machine that runs all tests delays them
+by more than an arm may be behind. Their own tests ask the same in less time."""
 
 
 class FaultRigs:

@@ -551,3 +551,41 @@ def test_a_free_joint_may_go_where_a_hand_moves_it() -> None:
     rig.device.position = rig.device.position + 0.3
     rig.cycle(20)
     assert rig.state is S.ENABLED
+
+
+def test_a_setpoint_that_nobody_saw_carried_out_is_told_at_closing() -> None:
+    rig = Rig().enabled()
+    rig.servo(0.01, 0.0)
+    rig.cycle()
+    rig.disconnect("the link is gone")
+    with pytest.raises(StopUnconfirmed, match="it was sent a motion, and not seen since"):
+        rig.engine.shut_down()
+
+
+def test_a_stream_that_rests_is_no_motion_at_closing() -> None:
+    rig = Rig().enabled()
+    for _ in range(40):
+        rig.servo(0.0, 0.0)
+        rig.cycle()
+    rig.disconnect("the link is gone")
+    rig.engine.shut_down()
+
+
+def test_an_effort_lasts_until_its_stop_is_seen() -> None:
+    rig = Rig().enabled()
+    for _ in range(40):
+        rig.engine.submit("servo_jf", jf(1.0, 0.0))
+        rig.cycle()
+    rig.disconnect("the link is gone")
+    with pytest.raises(StopUnconfirmed, match="it was sent a motion"):
+        rig.engine.shut_down()
+
+
+def test_what_was_held_after_a_motion_is_no_motion() -> None:
+    rig = Rig().enabled()
+    rig.servo(0.01, 0.0)
+    rig.cycle()
+    rig.engine.submit("hold")
+    rig.cycle(3)
+    rig.disconnect("the link is gone")
+    rig.engine.shut_down()
