@@ -162,6 +162,14 @@ class Device(ABC):
         return Condition()
 
     @property
+    def is_taken_over(self) -> bool:
+        """Whether somebody else commands it, so that what moves is theirs: the core sends no stop then.
+
+        False from the moment at which `enable` or `resume` takes it back.
+        """
+        return False
+
+    @property
     def obstacles(self) -> tuple[CrtkError, ...]:
         """What `enable` would raise now, as far as the last `read` says. ``crtk-driver check`` shows it.
 

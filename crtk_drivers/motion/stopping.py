@@ -6,6 +6,8 @@ carried out (`Device.has_stopped`). Until then the stop is sent again and again;
 declares (`StopPolicy.time`) it counts as not carried out. Hardware that somebody has slowed down
 (`Device.pace`) brakes as slowly, and gets as much more time.
 
+What somebody else has taken (`Device.is_taken_over`) is neither stopped nor watched.
+
 A motion that was sent counts as well, until a later sample shows the joints standing: if the link is lost
 before that, nobody knows whether the hardware moves.
 """
@@ -110,6 +112,9 @@ class Stopping:
         Raises:
             DeviceError: it could not be told.
         """
+        if self._device.is_taken_over:
+            self._let_be()
+            return
         now = self._clock()
         if not self._watches:
             self._begin(now)
@@ -159,6 +164,8 @@ class Stopping:
         """
         if sample is not None:
             self._look(sample)
+        if self._device.is_taken_over:
+            self._let_be()
         if not self._watches:
             return
         self._count(now)
@@ -179,7 +186,7 @@ class Stopping:
 
     @property
     def unseen(self) -> str:
-        """What to say if joints moved when they were last seen, or were sent a motion after it; else empty."""
+        """What to say if joints moved when they were last seen, or had been sent a motion; else empty."""
         if self._last_seen and (self._watches or self._was_sent):
             return f"{UNSEEN}: {self._last_seen} when it was last seen"
         return f"{UNSEEN}: it was sent a motion, and not seen since" if self._was_sent else ""
@@ -192,6 +199,10 @@ class Stopping:
     @property
     def _pace(self) -> float:
         return max(self._device.pace, SLOWEST_PACE)
+
+    def _let_be(self) -> None:
+        """What moves is not ours, and no stop of ours is for it."""
+        self._watches = self._was_sent = False
 
     def _begin(self, now: float) -> None:
         self._asked = self._counted = now

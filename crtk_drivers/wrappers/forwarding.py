@@ -72,6 +72,11 @@ class WrappedDevice(Device):
 
     @property
     @override
+    def is_taken_over(self) -> bool:
+        return self.inner.is_taken_over
+
+    @property
+    @override
     def found(self) -> str:
         return self.inner.found
 

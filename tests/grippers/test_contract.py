@@ -17,7 +17,9 @@ from rigs.gripper_cases import CASES, FINGERS, ONE_WAY, SWEEPING, WIDTH, Case
 from rigs.waiting import LONG, eventually
 
 ENABLED, DISABLED = OperatingState.ENABLED, OperatingState.DISABLED
-FAULT = OperatingState.FAULT
+FAULT, PAUSED = OperatingState.FAULT, OperatingState.PAUSED
+CLOSED = 0.003
+"""Opening in m below which fingers are closed."""
 
 WAYS = (
     ("hold", "enabled"),
@@ -244,6 +246,63 @@ def test_how_it_is_left(case: Case, sim: RunningSim, on_close: str, ends: str) -
     else:
         assert sim.control.call("status")[case.writes] == before
         assert case.keeps(sim)
+
+
+# ------------------------------------------------------------------- what somebody else has taken
+
+
+def taken(case: Case, bench: GripperBench) -> None:
+    """Have another program close an open gripper of ours."""
+    case.enable(bench)
+    assert bench.front.move_jp([case.start]).wait(LONG)
+    kind, parameters = case.other
+    bench.sim.control.inject(kind, **parameters)
+
+
+def closes(sim: RunningSim) -> None:
+    """Wait until the other program has closed it."""
+    eventually(lambda: sim.control.status()["opening"] < CLOSED, "closed by the other program")
+
+
+@fingers
+@pytest.mark.parametrize("command", ["", "hold", "disable", "alarm"])
+def test_what_another_program_moves_goes_on(
+    case: Case, enabled: GripperBench, command: str
+) -> None:
+    taken(case, enabled)
+    enabled.state(PAUSED, "another program")
+    if command:
+        stop(enabled, command)
+    closes(enabled.sim)
+    if command != "alarm":
+        assert enabled.session.engine.status.state in (PAUSED, DISABLED)
+
+
+@fingers
+@pytest.mark.parametrize("is_seen", [True, False], ids=["seen", "just-now"])
+@pytest.mark.parametrize("on_close", ["hold", "release"])
+def test_closing_leaves_what_another_program_moves(
+    case: Case, sim: RunningSim, on_close: str, is_seen: bool
+) -> None:
+    with case.bench(sim, link=case.link, on_close=on_close) as bench:
+        taken(case, bench)
+        if is_seen:
+            bench.state(PAUSED, "another program")
+    closes(sim)
+
+
+@fingers
+def test_another_program_is_seen_before_our_first_command(case: Case, sim: RunningSim) -> None:
+    with case.bench(sim, link=case.link, on_close="release") as bench:
+        case.enable(bench)
+        assert bench.front.move_jp([case.start]).wait(LONG)
+        bench.front.disable()
+        bench.front.enable()
+        bench.samples(5)
+        kind, parameters = case.other
+        bench.sim.control.inject(kind, **parameters)
+        bench.state(PAUSED, "another program")
+    closes(sim)
 
 
 # ----------------------------------------------------------------------- what would let go of it

@@ -44,6 +44,7 @@ class Case:
         on_close: ways in which it may be left.
         service: it grips by its service, not by a move.
         sweep: service that makes it ready, for which its fingers move; empty: there is none.
+        other: how its simulator has another program close it.
         sweeping: settings with which it is not ready before that, and `enable` does it too.
     """
 
@@ -65,6 +66,7 @@ class Case:
     service: bool = False
     sweep: str = ""
     sweeping: Mapping[str, Any] = field(default_factory=dict)
+    other: tuple[str, Mapping[str, Any]] = ("", {})
 
     @property
     def is_suction(self) -> bool:
@@ -152,6 +154,7 @@ CASES: Final = (
             fault=("gripper_fault", {"code": 0xE}),
             sweep="activate",
             sweeping={"activate": "always"},
+            other=("other_master", {"position": 255, "speed": 0}),
         )
         for link in robotiq_bench.LINKS
     ),
@@ -169,6 +172,7 @@ CASES: Final = (
             ratio=1.0,
             refused=(("force", 41.0), ("force", 0.3), ("force", -1.0), ("force", NAN)),
             fault=("flags", {"set": 0x04}),
+            other=("other_master", {"opening": 0.0}),
         )
         for link in onrobot_bench.LINKS
     ),
@@ -186,6 +190,7 @@ CASES: Final = (
             refused=(("force", 150.1), ("force", 0.0), ("force", -10.0), ("force", NAN)),
             moving=("release", "brake_test"),
             fault=("error", {"code": 0xDE}),
+            other=("other_master", {"position": 0.0, "speed": 0.03}),
         )
         for link in schunk_bench.LINKS
     ),
@@ -207,6 +212,7 @@ CASES: Final = (
             service=True,
             sweep="reference",
             sweeping={"home": "always"},
+            other=("other_program", {"opening": 0.0}),
         )
         for link in wsg_bench.LINKS
     ),

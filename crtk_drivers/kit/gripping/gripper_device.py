@@ -131,22 +131,29 @@ class GripperDevice(Device):
         finally:
             was_used = self._is_enabled or self._is_left
             should_rest = self._is_made_ready or (
-                was_used and not is_let_go and policy != "nothing"
+                was_used and not is_let_go and policy != "nothing" and not self.is_taken_over
             )
             self._is_enabled = self._may_move = self._is_made_ready = self._is_left = False
             self._hand.close(moves=should_rest and not self._is_stopped)
 
     def _let_go(self) -> bool:
         """Do the last act of a program that ends in good order; return whether it may be done."""
-        if self.condition.allows is not OperatingState.ENABLED:
+        deadline = time.monotonic() + FAREWELL
+        self._see_whose(deadline)
+        if self._hand.is_in_doubt or self.condition.allows is not OperatingState.ENABLED:
             return False
         self._hand.let_go()
-        deadline = time.monotonic() + FAREWELL
         while not self._hand.is_told and time.monotonic() < deadline:
             self._hand.exchange(time.monotonic() + PIECE)
         if not self._hand.is_told:
             log.warning("%s was not opened: it took no order in %g s", self.address, FAREWELL)
         return self._hand.is_told
+
+    def _see_whose(self, deadline: float) -> None:
+        """Read until it is known whether another program has just taken it."""
+        is_read = False
+        while (self._hand.is_in_doubt or not is_read) and time.monotonic() < deadline:
+            is_read |= self._hand.exchange(time.monotonic() + PIECE) is not None
 
     @override
     def read(self, deadline: float) -> Sample | None:
@@ -224,10 +231,13 @@ class GripperDevice(Device):
     @override
     def stop(self) -> None:
         goes_on = self._closing and self._on_close == "nothing" and not self._is_made_ready
-        if goes_on or not self._hand.is_open:
+        if goes_on or not self._hand.is_open or self.is_taken_over:
             return
+        aside = threading.get_ident() != self._io
+        if self._closing and self._hand.is_in_doubt and not (aside or self._is_made_ready):
+            return  # it is known soon whose motion that is, and the core asks again until it stands
         self._asked = None
-        self._hand.halt(aside=threading.get_ident() != self._io)
+        self._hand.halt(aside=aside)
 
     @property
     @override
@@ -264,6 +274,11 @@ class GripperDevice(Device):
         if hand.taken_over:
             return Condition(OperatingState.PAUSED, "another program commands it")
         return Condition()
+
+    @property
+    @override
+    def is_taken_over(self) -> bool:
+        return self._hand.is_open and self._hand.is_others and not self._is_made_ready
 
     @property
     @override

@@ -177,6 +177,16 @@ class Hand(ABC):
         """Whether another program commands it."""
         return False
 
+    @property
+    def is_others(self) -> bool:
+        """Whether what it does is another program's for certain, and not a command of ours that came late."""
+        return self.taken_over
+
+    @property
+    def is_in_doubt(self) -> bool:
+        """Whether another program may have just begun to command it: that is known within half a second."""
+        return False
+
     def unfit(self, *, enabled: bool) -> Condition | None:
         """Why it cannot be used, beside faults; None: it can."""
         return None

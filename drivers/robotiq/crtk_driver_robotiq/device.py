@@ -300,6 +300,16 @@ class RobotiqHand(ActivatedHand[Command]):
     def taken_over(self) -> bool:
         return self._grip.echo.taken_over
 
+    @property
+    @override
+    def is_others(self) -> bool:
+        return self._grip.echo.is_others
+
+    @property
+    @override
+    def is_in_doubt(self) -> bool:
+        return self._grip.echo.is_in_doubt
+
     @override
     def unfit(self, *, enabled: bool) -> Condition | None:
         if self._is(Activation.DONE):

@@ -30,14 +30,14 @@ class Grip:
     """
 
     def __init__(self) -> None:
-        self.echo: Echo[Command] = Echo()
+        self.echo: Echo[Command] = Echo(lambda command: (command.position, command.go))
         self.begin()
 
     def begin(self) -> None:
         """A connection begins: what it was sent before is of the past."""
         self.doing = Doing.UNKNOWN
         self.moves = True
-        self.echo.adopt()
+        self.echo.begin()
         self._since = 0.0
         self._has_moved = True
         self._is_halted = False
@@ -48,7 +48,7 @@ class Grip:
         """A command was acknowledged; `halts`: its position is where the fingers were."""
         self.doing = Doing.MOVING if command.go else self.doing
         self.moves = command.go or self.moves
-        self.echo.sent(command)
+        self.echo.sent(command, now)
         self._since, self._has_moved, self._is_halted = now, False, halts
 
     def see(self, status: Status, now: float) -> None:
@@ -68,12 +68,7 @@ class Grip:
     def _told(self, status: Status, now: float) -> Doing:
         if status.activation is not Activation.DONE:
             return Doing.INACTIVE
-        sent, echo = self.echo.command, (status.requested, status.goes)
-        ours = sent is None or any(
-            command is not None and echo == (command.position, command.go)
-            for command in (sent, self.offered)
-        )
-        if not self.echo.see(ours, now):
+        if not self.echo.see((status.requested, status.goes), self.offered, now):
             return Doing.MOVING
         if not status.goes:
             return Doing.STOPPED

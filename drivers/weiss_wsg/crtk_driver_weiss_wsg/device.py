@@ -280,6 +280,13 @@ class WsgHand(Hand):
     def taken_over(self) -> bool:
         return self._foreign is not None and self._foreign[1] - self._foreign[0] > OTHERS
 
+    @property
+    @override
+    def is_in_doubt(self) -> bool:
+        foreign = self._foreign
+        is_recent = foreign is not None and time.monotonic() - foreign[0] < 2.0 * OTHERS
+        return is_recent and not self.taken_over
+
     @override
     def unfit(self, *, enabled: bool) -> Condition | None:
         if self._link.is_stopped_fast:

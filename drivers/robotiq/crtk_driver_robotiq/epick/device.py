@@ -207,6 +207,16 @@ class EpickHand(ActivatedHand[Command]):
     def taken_over(self) -> bool:
         return self._suction.echo.taken_over
 
+    @property
+    @override
+    def is_others(self) -> bool:
+        return self._suction.echo.is_others
+
+    @property
+    @override
+    def is_in_doubt(self) -> bool:
+        return self._suction.echo.is_in_doubt
+
     @override
     def unfit(self, *, enabled: bool) -> Condition | None:
         if self._status is None or self._status.ready:

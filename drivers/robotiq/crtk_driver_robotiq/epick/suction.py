@@ -23,20 +23,20 @@ class Suction:
     """
 
     def __init__(self) -> None:
-        self.echo: Echo[Command] = Echo()
+        self.echo: Echo[Command] = Echo(lambda command: (command.pressure, command.go))
         self.begin()
 
     def begin(self) -> None:
         """A connection begins: what it was sent before is of the past."""
         self.doing = Doing.UNKNOWN
-        self.echo.adopt()
+        self.echo.begin()
         self._since = 0.0
         self._has_regulated = True
         self.offered: Command | None = None
 
     def delivered(self, command: Command, now: float) -> None:
         """A command was acknowledged."""
-        self.echo.sent(command)
+        self.echo.sent(command, now)
         self._since, self._has_regulated = now, False
         if command.go:
             lets_go = command.pressure >= SURROUNDING
@@ -49,12 +49,7 @@ class Suction:
     def _told(self, status: Status, now: float) -> Doing:
         if not status.ready:
             return Doing.INACTIVE
-        sent, echo = self.echo.command, (status.requested, status.goes)
-        ours = sent is None or any(
-            command is not None and echo == (command.pressure, command.go)
-            for command in (sent, self.offered)
-        )
-        if not self.echo.see(ours, now):
+        if not self.echo.see((status.requested, status.goes), self.offered, now):
             return self.doing
         if not status.goes or status.requested >= SURROUNDING:
             lets_go = status.valve in (Valve.PASSIVE_RELEASE, Valve.ACTIVE_RELEASE)
