@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -26,6 +27,7 @@ from crtk_drivers.device import (
     Steps,
     StopPolicy,
 )
+from crtk_drivers.errors import DeviceError
 from crtk_drivers.kit.gripping import (
     HELD,
     Adjustable,
@@ -45,6 +47,8 @@ SETTLING: Final = 0.1
 """Time constant of the velocity in s: one count of the position is 0.4 mm."""
 SWEEP: Final = 10.0
 """Seconds that an activation may take."""
+HELD_UP: Final = 0.25
+"""Seconds without a status after which a stop waits for no answer: a question or its answer may be lost."""
 CYCLES: Final = 2.0
 """In which a stop comes to it: it is sent in the next one, and has until its end."""
 
@@ -156,6 +160,12 @@ class RobotiqHand(ActivatedHand[Command]):
 
     @override
     def close(self, *, moves: bool) -> None:
+        """Have a stop go out first where fingers move: where the link is bad, nothing else may come to it."""
+        status = self._status
+        if moves and status is not None and not self.rests:
+            halts = Command(position=status.requested, halts=True)
+            with contextlib.suppress(DeviceError):
+                self._link.shout(Command(activate=False) if self._is_activated else halts)
         self._status = None
         self._link.close()
 
@@ -242,7 +252,8 @@ class RobotiqHand(ActivatedHand[Command]):
             return  # a grip is kept, and a stop goes on
         elif pending is None or pending is not self._halt:
             self._halt = self._pending = self._staying(status)
-        if aside and self._pending is not None:
+        is_held_up = time.monotonic() - self._asked_at > HELD_UP
+        if (aside or is_held_up) and self._pending is not None:
             self._link.shout(self._pending)
 
     @property

@@ -529,6 +529,26 @@ def test_a_unit_that_falls_silent_is_a_fault_and_found_again(sim: RunningSim, li
         bench.state(DISABLED)
 
 
+@pytest.mark.parametrize("link", ["tool", "urcap"])
+@pytest.mark.parametrize("by", ["hold", "loss"])
+def test_a_stop_waits_for_no_lost_answer(sim: RunningSim, link: str, by: str) -> None:
+    patience = 2.0 if by == "hold" else 0.5
+    with RobotiqBench(sim, configuration(sim, link=link, sample_timeout=patience)) as bench:
+        bench.front.enable()
+        assert bench.front.move_jp([0.085]).wait(LONG)
+        bench.front.trajectory_j.set_ratio_v(0.01)
+        bench.front.move_jp([0.0])
+        eventually(lambda: bench.simulated("opening") < 0.08, "it closes")
+        sim.control.inject("unit_silent")
+        if by == "hold":
+            bench.front.hold()
+        eventually(lambda: not bench.simulated("moves"), "it stands")
+        assert bench.simulated("opening") > 0.05
+        bench.state(FAULT)
+        sim.control.clear("unit_silent")
+        bench.samples(20)  # in which the stop is read back
+
+
 @pytest.mark.parametrize("code", [1, 2, 3])
 def test_an_exception_that_does_not_pass_is_told(line: RobotiqBench, code: int) -> None:
     line.front.enable()
