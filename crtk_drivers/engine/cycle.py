@@ -50,6 +50,9 @@ LONGEST_WAIT_FOR_A_CYCLE = 2.0
 PATIENCE_TO_TELL = 0.1
 """Seconds for which an alarm waits to be told: who holds the lock may be held up himself."""
 
+LOOK_AT_IT = "Look at the hardware, and take its power away if it moves."
+"""What to do where a stop could not be read back."""
+
 _AFTER_STREAM = {"pause": OperatingState.PAUSED, "fault": OperatingState.FAULT}
 
 
@@ -217,6 +220,7 @@ class Engine(Intake):
         gone = ConnectionLost(told, where=self.where, remedy=remedy)
         try:
             self._leave(OperatingState.FAULT, reason, remedy)
+            self._heed_alarm()  # whose stop nobody has read back
         except DeviceError as error:
             told = without_name(str(error), self.where)
             logger.warning("%s: could not be told to stop: %s", self.where, told)
@@ -232,10 +236,15 @@ class Engine(Intake):
         """
         if self._connected and self._transitions.running is not StateCommand.DISABLE:
             self._requests.break_off("the driver is shut down")
+            self._heed_alarm()  # whose stop nobody has read back
             self._leave(OperatingState.DISABLED, "shut down")
 
-    def shut_down(self) -> None:
+    def shut_down(self, alive: Callable[[float], object] = lambda until: None) -> None:
         """Stop, wait until that is read back, leave the hardware as it is configured to be left, and close.
+
+        Args:
+            alive: is called with the monotonic seconds now, again and again while it waits, for the watchdog;
+                and with infinity once the stop was waited for, when only the link remains to be closed.
 
         Raises:
             StopUnconfirmed: it was not seen to stand within the time that the device declares, or moved when
@@ -246,9 +255,10 @@ class Engine(Intake):
         try:
             if self._connected:
                 self._requests.break_off("the driver is shut down")
-                self._finish_disable()
+                self._finish_disable(alive)
+                self._heed_alarm()
                 self._leave(OperatingState.DISABLED, "shut down")
-                overdue = self._await_stop()
+                overdue = self._await_stop(alive)
             else:
                 overdue = self._stopping.unseen
         finally:
@@ -256,12 +266,13 @@ class Engine(Intake):
             self._loss = ""
             self._health.connected = False
             self._requests.end(ConnectionLost("shut down", where=self.where))
+            alive(math.inf)
             self.device.close()
         if overdue:
             raise StopUnconfirmed(
                 overdue,
                 where=self.where,
-                remedy="Look at the hardware, and take its power away if it moves.",
+                remedy=LOOK_AT_IT,
             )
 
     @property
@@ -270,10 +281,11 @@ class Engine(Intake):
         disables = self._transitions.running is StateCommand.DISABLE
         return self.time_to_stop + (TIME_TO_DISABLE if disables else 0.0)
 
-    def _finish_disable(self) -> None:
+    def _finish_disable(self, alive: Callable[[float], object]) -> None:
         """Let a `disable` come to its end: half of one might take the power of whoever connects next."""
         deadline = self._clock() + self.time_to_close
         while self._transitions.running is StateCommand.DISABLE and self._clock() < deadline:
+            alive(self._clock())
             if not self.capabilities.paced_by_stream:
                 self._sleep(self._period)
             try:
@@ -282,11 +294,12 @@ class Engine(Intake):
                 logger.warning("%s: disable was not finished: %s", self.where, error.statement)
                 return
 
-    def _await_stop(self) -> str:
+    def _await_stop(self, alive: Callable[[float], object]) -> str:
         """Read until the stop has been carried out, and return ""; or what to say when it was not."""
         overdue = ""
         while not self._stopping.confirmed and not overdue:
             now = self._clock()
+            alive(now)
             overdue = self._stopping.overdue(now)
             if not self.capabilities.paced_by_stream:
                 self._sleep(self._period)

@@ -166,6 +166,11 @@ class Intake:
         return self._stopping.time
 
     @property
+    def can_move(self) -> bool:
+        """Whether the device has anything that moves, whose stop has to be read back."""
+        return self._stopping.can_move
+
+    @property
     def has_sample(self) -> bool:
         """Whether the device has been read since it was connected."""
         return self._feedback.sample_age(self._clock()) < math.inf

@@ -18,8 +18,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from crtk_drivers.engine.cycle import Engine
-from crtk_drivers.errors import REPORT, ConnectionFailed, DeviceError, unexpected
+from crtk_drivers.engine.cycle import LOOK_AT_IT, Engine
+from crtk_drivers.errors import REPORT, ConnectionFailed, DeviceError, StopUnconfirmed, unexpected
 from crtk_drivers.status.deadman import Deadman
 from crtk_drivers.status.real_time import ask_for_real_time
 
@@ -124,11 +124,12 @@ class BusThread:
         return not self._thread.is_alive()
 
     def trouble(self, now: float) -> str:
-        """Return what is wrong with the thread, in words; empty if nothing is."""
-        if self._stopping.is_set():
-            return ""
+        """Return what is wrong with the thread, in words; empty if nothing is.
+
+        While it is asked to end it is watched as before: what it drives may still move.
+        """
         if not self._thread.is_alive():
-            return f"the I/O thread of {self.bus} has died"
+            return "" if self._stopping.is_set() else f"the I/O thread of {self.bus} has died"
         if self._heartbeat.expired(now):
             return f"the I/O thread of {self.bus} is stuck"
         return ""
@@ -149,6 +150,7 @@ class BusThread:
         finally:
             # Nobody cycles the others while the first one is waited for.
             for member in self._members:
+                self._heartbeat.feed(time.monotonic())
                 self._stop_for_good(member)
             for member in self._members:
                 self._shut_down(member)
@@ -243,7 +245,7 @@ class BusThread:
 
     def _shut_down(self, member: _Member) -> None:
         try:
-            member.engine.shut_down()
+            member.engine.shut_down(self._heartbeat.feed)
         except DeviceError as error:
             logger.error("shutting down: %s", error)
             self._failures.append(error)
@@ -292,8 +294,9 @@ class Runtime:
             timeout: seconds, besides those that the devices declare for stopping.
 
         Raises:
-            StopUnconfirmed: a device was not seen to stand.
-            DeviceError: it could not be told to stop, or a thread did not end in time.
+            StopUnconfirmed: a device that can move was not seen to stand: its stop was not read back, or its
+                I/O thread did not end in time.
+            DeviceError: it could not be told to stop, or the I/O thread of what cannot move did not end.
         """
         if not self._started:
             return
@@ -309,10 +312,13 @@ class Runtime:
             for engine in bus.engines:
                 self._alarm(engine, f"the I/O thread of {bus.bus} did not end")
         if stuck:
-            raise DeviceError(
+            can_move = any(engine.can_move for bus in stuck for engine in bus.engines)
+            error = StopUnconfirmed if can_move else DeviceError
+            raise error(
                 f"the I/O thread of {', '.join(bus.bus for bus in stuck)} "
-                f"did not end in {timeout:g} s",
-                remedy="The hardware's own watchdog stops it. Please report this.",
+                f"did not end in {timeout:g} s"
+                + (": a stop was sent, and could not be read back" if can_move else ""),
+                remedy=f"{LOOK_AT_IT} {REPORT}" if can_move else REPORT,
             )
         for bus in self._buses:
             for failure in bus.failures:

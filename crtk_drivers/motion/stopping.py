@@ -74,6 +74,9 @@ class Stopping:
     Args:
         device: that is stopped.
         clock: monotonic seconds.
+
+    Attributes:
+        can_move: whether the device has anything that moves.
     """
 
     def __init__(self, device: Device, clock: Callable[[], float]) -> None:
@@ -83,7 +86,7 @@ class Stopping:
         self._joints = capabilities.joints
         self._still = still_speeds(capabilities)
         self._time = capabilities.stop.time
-        self._can_move = bool(
+        self.can_move = bool(
             capabilities.modes
             or capabilities.native_moves
             or capabilities.has_free
@@ -118,7 +121,7 @@ class Stopping:
         now = self._clock()
         if not self._watches:
             self._begin(now)
-        self._watches, self._sent = self._can_move, now
+        self._watches, self._sent = self.can_move, now
         self._device.stop()
 
     def left(self) -> None:

@@ -17,8 +17,8 @@ from crtk_drivers.errors import (
     CommandRefused,
     ConnectionFailed,
     ConnectionLost,
-    DeviceError,
     MotionAborted,
+    StopUnconfirmed,
 )
 from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import JointState, Sample, vector
@@ -301,7 +301,7 @@ def test_a_thread_that_does_not_end_is_told_and_its_moves_are_released() -> None
 
     device.in_read = hang
     assert entered.wait(LONG)
-    with pytest.raises(DeviceError, match=r"the I/O thread of a did not end in 1.1 s"):
+    with pytest.raises(StopUnconfirmed, match=r"the I/O thread of a did not end in 1.1 s: a stop"):
         runtime.close(0.1)
     assert device.stopped
     assert move.outcome is Outcome.ABORTED
@@ -309,6 +309,71 @@ def test_a_thread_that_does_not_end_is_told_and_its_moves_are_released() -> None
     release.set()
     eventually(lambda: device.closed)
     eventually(lambda: "io a" not in [thread.name for thread in threading.enumerate()])
+
+
+def test_the_watchdog_stops_a_stuck_thread_while_closing() -> None:
+    device, release = Misbehaving(), threading.Event()
+    runtime = Runtime([(engine := Engine(device, "x"), 1.0)])
+    runtime.start()
+    enable(engine)
+    device.in_read = lambda: (release.wait(LONG), None)[1]
+    closing = threading.Thread(target=runtime.close, args=(LONG,))
+    closing.start()
+    try:
+        eventually(lambda: "watchdog" in device.stoppers)
+        assert closing.is_alive()
+        eventually(lambda: engine.status.detail == "the I/O thread of a is stuck")
+        device.stoppers.clear()
+    finally:
+        release.set()
+        closing.join(LONG)
+    assert "io a" in device.stoppers, "that it stands was not read back"
+    assert device.closed == 1
+
+
+@pytest.mark.parametrize("phase", ["stopping", "reading back"])
+def test_the_watchdog_stops_what_hangs_as_it_is_shut_down(phase: str) -> None:
+    device, release = Misbehaving(), threading.Event()
+    runtime = Runtime([(engine := Engine(device, "x"), 1.0)])
+    runtime.start()
+    enable(engine)
+
+    def hang() -> None:
+        if threading.current_thread().name == "io a":
+            release.wait(LONG)
+
+    def stopped() -> None:
+        if phase == "stopping":
+            hang()
+        else:
+            device.in_read = hang
+
+    device.in_stop = stopped
+    closing = threading.Thread(target=runtime.close, args=(LONG,))
+    closing.start()
+    try:
+        eventually(lambda: "watchdog" in device.stoppers)
+        assert closing.is_alive()
+    finally:
+        device.in_stop = lambda: None
+        release.set()
+        closing.join(LONG)
+    assert device.closed == 1
+
+
+@pytest.mark.usefixtures("soon_stuck")
+def test_a_link_that_takes_long_to_close_is_no_alarm() -> None:
+    device = Misbehaving()
+    with running(device) as (engine,):
+        enable(engine)
+        told: list[str] = []
+
+        def close() -> None:
+            threading.Event().wait(threads.STALL_LIMIT + 5.0 * threads.WATCHDOG_PERIOD)
+            told.append(engine.status.detail)
+
+        device.in_close = close
+    assert told == ["shut down"]
 
 
 def test_after_a_stall_cycles_are_not_caught_up() -> None:

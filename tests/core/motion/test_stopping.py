@@ -179,6 +179,18 @@ def test_closing_waits_for_the_stop_and_says_when_it_did_not_come() -> None:
     assert rig.device.calls[-1] == "close"
 
 
+@pytest.mark.parametrize("is_lost", [False, True])
+def test_the_stop_of_an_alarm_is_read_back_at_the_end(is_lost: bool) -> None:
+    rig = Runaway(heeds=10_000).running()
+    rig.engine.alarm("the I/O thread is stuck")
+    if is_lost:
+        rig.engine.lose("unplugged")
+    else:
+        rig.engine.stop_for_good()
+    with pytest.raises(StopUnconfirmed):
+        rig.engine.shut_down()
+
+
 @pytest.mark.parametrize("heeds", [1, 3])
 def test_who_closes_and_is_held_up_for_longer_than_a_stop_takes_looks_before_he_judges(
     heeds: int,
