@@ -121,7 +121,7 @@ def interruptible() -> Iterator[StopRequest]:
 
 @contextmanager
 def held_when_interrupted(device: RemoteDevice) -> Iterator[Callable[[], None]]:
-    """Hold the device at Ctrl-C, SIGTERM or SIGHUP, and end this program.
+    """Hold the device at Ctrl-C, SIGTERM or SIGHUP, or where something unexpected ends this program.
 
     A loop calls what it gives, which raises what was lost: see `interruptible`. The topics are set up
     beforehand: nothing has to be found when it is needed.
@@ -143,6 +143,11 @@ def held_when_interrupted(device: RemoteDevice) -> Iterator[Callable[[], None]]:
             name = plain(device.namespace)
             ERR.print(f"[yellow]interrupted:[/] hold was sent to {name}, and it {how}")
             raise typer.Exit(INTERRUPTED) from None
+        except CrtkError:
+            raise  # it says what has become of the motion, which may be another client's by now
+        except BaseException:
+            device.hold()  # the motion goes on, and nobody looks at it any more
+            raise
 
 
 def is_seen_to_stand(device: RemoteDevice, timeout: float) -> bool:

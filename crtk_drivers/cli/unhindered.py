@@ -11,11 +11,29 @@ import errno
 import os
 import socket
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import IO, Any
 
-__all__ = ["Unhindered"]
+__all__ = ["Unhindered", "open_missing_streams"]
+
+
+def open_missing_streams() -> None:
+    """Let standard streams that whoever started the process has closed lead nowhere.
+
+    Else what is opened next, a device's line or a socket of DDS, gets the number that all write their
+    errors to; and rclpy does not start without standard error.
+    """
+    for descriptor, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            # The lowest number that is free, which is this one: those below it are open.
+            os.open(os.devnull, os.O_RDWR)
+            os.set_inheritable(descriptor, True)
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - as long as the process
 
 
 class Unhindered:
@@ -38,24 +56,35 @@ class Unhindered:
         return getattr(self.stream, name)
 
     def write(self, text: str) -> int:
-        """Write what can be written now.
+        """Write what can be written now; what cannot be, as on a disk that is full, is left out.
 
         Raises:
             BrokenPipeError: nobody reads it any more, or its terminal is gone.
-            OSError: see `write` of the stream.
         """
-        with _gone_is_broken():
-            return self._write(text)
+        with self._without_failing(text), _gone_is_broken():
+            self._write(text)
+        return len(text)
 
     def flush(self) -> None:
         """Write what the stream itself has kept. Raises as `write` does."""
-        with _gone_is_broken():
+        with self._without_failing(""), _gone_is_broken():
             self.stream.flush()
 
-    def _write(self, text: str) -> int:
+    @contextmanager
+    def _without_failing(self, text: str) -> Iterator[None]:
+        """Count `text` as left out where it could not be written: a stop may follow, and is not to be lost."""
+        try:
+            yield
+        except BrokenPipeError:
+            raise
+        except (OSError, ValueError):  # there is no room, or it is closed
+            self._lost += text.count("\n")
+
+    def _write(self, text: str) -> None:
         own = self._descriptor()
         if own is None:
-            return self.stream.write(text)
+            self.stream.write(text)
+            return
         gap = f"\n{self._lost} lines were left out here: nobody read them.\n" if self._lost else ""
         data = (gap + text).encode(
             getattr(self.stream, "encoding", None) or "utf-8", "backslashreplace"
@@ -66,7 +95,6 @@ class Unhindered:
             self._lost += text.count("\n")
         else:
             self._lost = data[written:].count(b"\n")
-        return len(text)
 
     def close(self) -> None:
         """Close what was opened here; the stream stays open."""

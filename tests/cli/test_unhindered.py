@@ -6,6 +6,8 @@ import io
 import os
 import pty
 import socket
+import subprocess
+import sys
 import termios
 import threading
 from collections.abc import Iterator
@@ -103,6 +105,40 @@ def test_what_is_full_holds_nobody_up(where: str, request: pytest.FixtureRequest
 
     eventually(comes_through, "what is told once it is read again")
     assert LEFT_OUT in found
+
+
+@pytest.mark.parametrize("how", ["disk full", "closed"])
+def test_what_cannot_be_written_ends_nobody(how: str) -> None:
+    with open("/dev/full", "w") as stream:
+        if how == "closed":
+            stream.close()
+        console = Told(file=stream, width=80)
+        console.print("before a stop is sent")
+        with console.status("hold ..."):
+            console.print("and after it")
+        assert not console.quiet
+        if how != "closed":
+            with suppress(OSError):  # it still has what there was no room for
+                stream.close()
+
+
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_streams_that_were_closed_lead_nowhere(closed: str) -> None:
+    """The number of standard error must not go to what is opened next: a device's line."""
+    program = (
+        "import os, sys\n"
+        "from crtk_drivers.cli.unhindered import open_missing_streams\n"
+        "open_missing_streams()\n"
+        "sys.stderr.write('lost')\n"
+        "sys.stdin.read()\n"
+        "opened = os.open('/dev/zero', os.O_RDONLY)\n"
+        "sys.exit(0 if opened > 2 and os.readlink('/proc/self/fd/2') == os.devnull else 1)\n"
+    )
+    script = f'exec "$0" -c "$1" {closed}'
+    code = subprocess.run(
+        ["sh", "-c", script, sys.executable, program], stdin=subprocess.DEVNULL, timeout=LONG
+    ).returncode
+    assert code == 0
 
 
 def test_where_it_goes_may_be_changed(pipe: tuple[int, IO[str]], tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
 from crtk_drivers import client
-from crtk_drivers.cli import hold_command, move_command
+from crtk_drivers.cli import hold_command, move_command, typed_goals
 from crtk_drivers.cli.echo_command import as_yaml
 from crtk_drivers.cli.reaching import Interrupted
 from crtk_drivers.client import RemoteDevice, move_handle
@@ -670,6 +670,61 @@ def test_hold_of_a_sensor_says_what_it_offers(
     code, _, err = run("hold", NAMESPACE)
     assert code
     assert "does not offer hold" in err
+
+
+def _shown_at(how: str, *arguments: str) -> subprocess.Popen[bytes]:
+    """Start a command in a shell that redirects what it shows."""
+    script = f'exec "$0" -m crtk_drivers.cli "$@" {how}'
+    return subprocess.Popen(["sh", "-c", script, sys.executable, *arguments])
+
+
+@pytest.mark.parametrize("how", ["2>/dev/full", "2>&-", ">/dev/full 2>&1", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("command", ["hold", "pause", "disable"])
+@pytest.mark.sweep(4)
+def test_a_stop_is_sent_whatever_its_output(far: Far, command: str, how: str) -> None:
+    far.arm.enable()
+    with slowly(far.engine):
+        far.arm.move_jp([0.95, 0.0, 0.0, 0.0])
+        child = _shown_at(how, command, NAMESPACE, *FOUND)
+        code = child.wait(LONG)
+        assert not far.engine.status.is_busy, "it was not stopped"
+    assert far.arm.setpoint_jp(age=0)[0] < 0.9
+    wanted = {"hold": "ENABLED", "pause": "PAUSED", "disable": "DISABLED"}[command]
+    assert far.engine.status.state == wanted
+    assert code == 0 or ">/dev/full" in how
+
+
+@pytest.mark.parametrize("how", ["2>/dev/full", "2>&-", ">/dev/full 2>&1"])
+@pytest.mark.sweep(2)
+def test_an_interrupted_move_holds_whatever_its_output(far: Far, how: str) -> None:
+    far.arm.enable()
+    child = _shown_at(how, "move", NAMESPACE, "0.95", "0", "0", "0", *FOUND)
+    with slowly(far.engine):
+        eventually(lambda: far.engine.status.is_busy, "it moves")
+        child.send_signal(signal.SIGINT)
+        child.wait(LONG)
+        eventually(lambda: not far.engine.status.is_busy, "it is held")
+    assert far.arm.setpoint_jp()[0] < 0.9
+
+
+def test_a_move_whose_display_fails_is_held(
+    far: Far, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far.arm.enable()
+    made = typed_goals.joint_goal
+
+    def fail() -> str:
+        raise OSError("no space left")
+
+    def failing(*arguments: Any) -> typed_goals.Goal:
+        return replace(made(*arguments), to_go=fail)
+
+    monkeypatch.setattr(move_command, "joint_goal", failing)
+    with slowly(far.engine):
+        with pytest.raises(OSError, match="no space"):
+            run("move", NAMESPACE, "0.95", "0", "0", "0")
+        eventually(lambda: not far.engine.status.is_busy, "it is held")
+    assert far.arm.setpoint_jp(age=0)[0] < 0.9
 
 
 @pytest.mark.slow
