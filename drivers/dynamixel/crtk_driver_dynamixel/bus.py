@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +25,9 @@ from crtk_driver_dynamixel.replies import (
 from crtk_drivers.kit.serial_port import SerialPort
 
 BROADCAST: Final = protocol2.BROADCAST
+SETTLING: Final = range(36, 47)
+"""Bytes of which a servo is asked for some first, from address 0 on: no other read is as long, and of each
+model the control table goes on for longer."""
 _PING_LENGTH: Final = MappingProxyType({1: 0, 2: 3})
 
 
@@ -148,6 +152,18 @@ class Bus:
         return self.line.counters
 
     # One servo
+
+    def settle(self, id: int) -> None:
+        """Let what servos still owe whoever used the line before come.
+
+        A status tells only its servo and its length, so that it would be taken for an answer to us: 12.0 V
+        and a temperature for the model number 120. Since bytes do not overtake each other, all of it has come
+        before a reply that is like none of them. What was answered before this says nothing.
+
+        Raises:
+            ServoSilent, ServoCorrupt, ServoRefused: there is no such reply.
+        """
+        self.read(id, 0, random.choice(SETTLING))
 
     def ping(self, id: int, *, attempts: int = 2) -> Ping:
         """Ask a servo whether it is there.

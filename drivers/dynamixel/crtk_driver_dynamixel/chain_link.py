@@ -105,6 +105,7 @@ class ChainLink:
         self.cycles = 0
         self._users = 0
         self._buses: dict[str, Bus] = {}
+        self._settled: set[str] = set()
         self._prepared: _Prepared | None = None
 
     # ----------------------------------------------------------------------------------- life cycle
@@ -150,6 +151,7 @@ class ChainLink:
             bus = Bus(SerialPort(given.port, given.baud), latency_budget=PATIENCE)
             bus.open()
             self._buses[name] = bus
+        self._settled.clear()
         self.placement.forget()
         self.health = [_health(servo) for servo in self.chain.servos]
         self.states = []
@@ -271,6 +273,13 @@ class ChainLink:
         """Return a servo as it is, after a look at who it is."""
         bus = self._buses[servo.bus]
         bus.set_link(servo.id, protocol=servo.protocol)
+        if servo.bus not in self._settled:
+            bus.ping(servo.id)  # it is there, or something late seems to say so
+            try:
+                bus.settle(servo.id)
+            except ServoSilent as error:
+                raise ServoMute from error
+            self._settled.add(servo.bus)
         found = bus.ping(servo.id)
         number, firmware = found.model, found.firmware
         try:

@@ -22,6 +22,7 @@ from rigs.dynamixel_bench import (
     HARMLESS,
     LONG,
     PATIENT,
+    READ,
     REBOOT,
     arm_values,
     configuration,
@@ -454,8 +455,13 @@ def test_a_servo_of_another_model_is_told_from_one_that_is_missing():
 
 
 def test_a_servo_of_a_model_that_nobody_knows_is_told():
+    def answer(request):
+        told = (9999).to_bytes(2, "little") + b"\x2d"
+        asked = int.from_bytes(request[10:12], "little") if request[7] == READ else len(told)
+        return status2(1, told.ljust(asked, b"\0"))
+
     with patient(), Peer() as peer:
-        peer.answer_all(lambda request: status2(1, (9999).to_bytes(2, "little") + b"\x2d"))
+        peer.answer_all(answer)
         config = {**PATIENT, "port": peer.name, "joints": {"a": LOADS["a"]}}
         device = PLUGIN.create(load(PLUGIN.config, from_values(config)))
         refusal = r"joint a \(servo 1 on main\): .*model number is 9999.*connect them one at a time"
