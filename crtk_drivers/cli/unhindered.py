@@ -72,7 +72,7 @@ class Unhindered:
 
     @contextmanager
     def _without_failing(self, text: str) -> Iterator[None]:
-        """Count `text` as left out where it could not be written: a stop may follow, and is not to be lost."""
+        """Count `text` as left out where it could not be written: who writes has more to do."""
         try:
             yield
         except BrokenPipeError:
