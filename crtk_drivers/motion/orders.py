@@ -250,6 +250,7 @@ class OrderMaker:
         self._inverse.reference(command)
         limits = self._capabilities.limits
         joined = JoinedPath(spline, -ahead, self._feedback.motion(now), limits)
+        self._ways.check_pull(joined.pull)
         self._ways.check_start(joined.off, self._max_step)
         if joined.lead is not None:
             self._ways.check_way(joined.lead)

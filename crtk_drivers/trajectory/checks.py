@@ -16,7 +16,7 @@ from crtk_drivers.commands import FOLLOW
 from crtk_drivers.device import Capabilities
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.samples import MOST_POINTS, Array, JointTrajectory, Tolerance, Vector, vector
-from crtk_drivers.trajectory.waypoints import Spline
+from crtk_drivers.trajectory.waypoints import HARDER, Spline
 
 LATEST_START: Final = 60.0
 """Seconds ahead at which a trajectory may be asked to begin: later, and the clocks differ."""
@@ -47,6 +47,7 @@ class TrajectoryCheck:
         self._lower = np.array([limit.lower for limit in capabilities.limits])
         self._upper = np.array([limit.upper for limit in capabilities.limits])
         self._velocity = np.array([limit.velocity for limit in capabilities.limits])
+        self._acceleration = np.array([limit.acceleration for limit in capabilities.limits])
 
     def checked(self, trajectory: JointTrajectory, now_ns: int) -> JointTrajectory:
         """Return a trajectory with its joints in declared order.
@@ -94,6 +95,25 @@ class TrajectoryCheck:
                 f"{self._joints[index]} would move at {fastest[index]:.4f}, faster than "
                 f"{self._velocity[index]:.4f}",
                 "Give it more time, or begin nearer to where the joints are.",
+            )
+
+    def check_pull(self, pull: Array) -> None:
+        """Refuse a trajectory whose first point comes sooner than the joints can be there.
+
+        Args:
+            pull: (n,) the greatest accelerations of the way there.
+
+        Raises:
+            CommandRefused: with the joint.
+        """
+        excess = ~(pull <= self._acceleration * (1.0 + HARDER))  # NaN is
+        if excess.any():
+            index = int(np.argmax(excess))
+            raise self._refusal(
+                Reason.OUT_OF_RANGE,
+                f"{self._joints[index]} would accelerate at {pull[index]:.4f} to be at the first point in "
+                f"time, more than {self._acceleration[index]:.4f}",
+                "Give the first point more time, or begin nearer to where the joints are.",
             )
 
     def check_start(self, off: Vector, longest: float) -> None:

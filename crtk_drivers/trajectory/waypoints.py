@@ -35,6 +35,8 @@ _SHARE = 0.25
 
 SHORTEST_LEAD = 0.05
 """Seconds to the first point below which it is as if that were now."""
+HARDER = 0.01
+"""By how much the way to the first point may exceed an acceleration limit: what plans it rounds."""
 SHORTEST_JOINING = 1e-6
 """Seconds below which a motion counts as on the trajectory: it is off by less than 1e-11 rad or m."""
 
@@ -80,6 +82,17 @@ class Spline:
             return self._last, self._zero, self._zero
         return _read(self._pieces[piece], time - float(self._times[piece]))
 
+    def hardest(self) -> Array:
+        """Return the greatest accelerations (n,); between its pieces, where it may be a jump, none is."""
+        greatest: Array = self._zero
+        for begin in range(0, len(self._pieces), _AT_ONCE):
+            pieces = self._pieces[begin : begin + _AT_ONCE]
+            spans = np.diff(self._times[begin : begin + len(pieces) + 1])
+            for share in np.linspace(0.0, 1.0, _PROBES):
+                pulls = _accelerations(pieces, (spans * share)[:, None])
+                greatest = np.maximum(greatest, np.abs(pulls).max(axis=0))
+        return greatest
+
     def extremes(self) -> tuple[Array, Array, Array]:
         """Return the least and greatest positions and the greatest speeds (n,)."""
         lower = upper = self._last
@@ -99,8 +112,10 @@ class Spline:
 class JoinedPath:
     """A trajectory as it is gone along from a motion that is not quite on it.
 
-    Before its first point that motion goes there. On the way already, it comes onto the trajectory smoothly,
-    in a time that the limits allow, and the trajectory's own time goes on meanwhile.
+    Before its first point that motion goes there, and comes to rest where that point has no velocity. On the
+    way already, or where the time to the first point is so short that a joint would exceed its limit of
+    acceleration, it comes onto the trajectory smoothly, in a time that the limits allow, and the trajectory's
+    own time goes on meanwhile.
 
     Args:
         spline: the trajectory.
@@ -109,7 +124,8 @@ class JoinedPath:
         limits: of the joints.
 
     Attributes:
-        lead: the way to the first point; None if that is now, or past.
+        lead: the way to the first point; None if that is now, or past, or asks for too much acceleration.
+        pull: (n,) the greatest accelerations of the way to the first point, whether it is gone or not.
         off: (n,) how far the joints are from where the trajectory is at that time.
         duration: seconds until the end.
     """
@@ -124,9 +140,16 @@ class JoinedPath:
         self._spline = spline
         self._begin = begin
         self.lead: Spline | None = None
+        self.pull: Array = np.zeros_like(motion[0])
         if spline.begin - begin >= SHORTEST_LEAD:
-            ends = (np.vstack(both) for both in zip(motion, spline.first, strict=True))
-            self.lead = Spline(vector([begin, spline.begin]), *ends)
+            position, velocity, acceleration = spline.first
+            first = position, np.nan_to_num(velocity), acceleration
+            ends = (np.vstack(both) for both in zip(motion, first, strict=True))
+            lead = Spline(vector([begin, spline.begin]), *ends)
+            self.pull = lead.hardest()
+            strongest = np.array([limit.acceleration for limit in limits])
+            if (self.pull <= strongest * (1.0 + HARDER)).all():
+                self.lead = lead
         there = self._on_it(begin)
         position, velocity, acceleration = (
             vector(mine - its) for mine, its in zip(motion, there, strict=True)
@@ -211,6 +234,13 @@ def _polynomials(pieces: Array, t: Array) -> tuple[Array, Array]:
     position = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
     velocity = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
     return position, velocity
+
+
+def _accelerations(pieces: Array, t: Array) -> Array:
+    """Return accelerations (m, n) of pieces (m, 6, n), each at its time (m, 1)."""
+    _, _, c2, c3, c4, c5 = (pieces[:, power] for power in range(6))
+    pulls: Array = 2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
+    return pulls
 
 
 def _read(piece: Array, t: float) -> tuple[Vector, Vector, Vector]:

@@ -5,6 +5,7 @@ The cases are those of joint_trajectory_controller, on an engine whose clock is 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -155,6 +156,41 @@ def test_a_goal_without_its_first_point_goes_there_from_where_the_arm_is() -> No
     steps = np.abs(np.diff(rig.path, axis=0)).max()
     assert steps < 0.35 * PERIOD
     assert rig.path[-1] == pytest.approx(BENT + 0.1)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0, -1.0])
+@pytest.mark.parametrize("velocities", [None, [STILL] * 2])
+@pytest.mark.parametrize("offset", [0.02, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("time", [0.06, 0.1, 0.2, 0.4])
+def test_the_way_to_the_first_point_keeps_the_limits(
+    time: float, offset: float, velocities: list[list[float]] | None, speed: float
+) -> None:
+    rig = ArmRig().enabled()
+    if speed:
+        rig.engine.submit("move_jp", JointState(position=vector(BENT + speed)))
+        rig.cycle(round(0.1 * RATE))
+    here = rig.path[-1] if len(rig.path) else BENT
+    limit = rig.engine.capabilities.limits[0].acceleration
+    asked = trajectory(
+        names=JOINTS,
+        times=[time, time + 1.0],
+        positions=[here + offset] * 2,
+        velocities=velocities,
+    )
+    with suppress(CommandRefused):  # where the time is too short
+        rig.engine.submit(FOLLOW, asked)
+    begin = max(0, len(rig.path) - 2)
+    rig.cycle(round((time + 0.1) * RATE))
+    pulls = np.abs(np.diff(rig.path[begin:], n=2, axis=0)) / PERIOD**2
+    assert pulls.max(initial=0.0) <= 1.03 * limit
+
+
+def test_too_little_time_to_the_first_point_names_the_joint() -> None:
+    rig = ArmRig().enabled()
+    refusal = rig.refused(FOLLOW, way(0.05, 0.1, times=[0.06, 1.0]))
+    assert refusal.reason is Reason.OUT_OF_RANGE
+    assert "would accelerate at" in refusal.detail
+    assert "Give the first point more time" in refusal.remedy
 
 
 def test_a_start_that_is_a_little_off_is_joined_without_a_jump() -> None:
