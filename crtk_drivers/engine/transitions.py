@@ -283,6 +283,7 @@ class Transitions:
         if running.command in self._moving or running.command in HOMING_COMMANDS:
             self._stopping.motion_sent()
         if has_ended and self._reached(running, now):
+            self._stopping.motion_ended()
             return
         if procedure.is_overdue(now):
             procedure.close()

@@ -144,7 +144,7 @@ class Stopping:
         Args:
             lasts: it has no end of its own, as a velocity or an effort; a stop that is read back ends it.
         """
-        self._was_sent = self._can_move
+        self._was_sent = self.can_move
         self._seen_from = math.inf if lasts else self._clock() + self._lag
 
     def motion_ended(self) -> None:

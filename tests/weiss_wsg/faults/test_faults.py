@@ -243,6 +243,9 @@ def test_a_lost_link_stops_a_motion(tcp: WsgBench) -> None:
         move.wait(LONG)
     assert not tcp.simulated("moves")
     assert tcp.simulated("opening") > 0.03
+    tcp.sim.control.clear("disconnect")
+    tcp.connected()
+    tcp.samples(5)  # it is seen to stand: closing need not say that nobody knows
 
 
 def test_a_fast_stop_in_motion_is_a_fault_that_enable_acknowledges(running: WsgBench) -> None:
