@@ -8,7 +8,7 @@ tells which: frames overtake nothing, so that what was sent before has been answ
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 __all__ = ["SyncAnswers"]
@@ -35,6 +35,7 @@ class SyncAnswers:
         """Of the newest SYNC; the first has 1."""
         self._sent: deque[float] = deque(maxlen=KEPT)
         self._answered = [0] * len(self._nodes)
+        self._doubtful: set[int] = set()
 
     def sync(self, now: float) -> None:
         """Take note of a SYNC that was sent at monotonic seconds."""
@@ -47,14 +48,19 @@ class SyncAnswers:
 
     def settle(self, node: int, number: int) -> None:
         """A node has answered what was sent behind a SYNC: it owes no answer to that, nor to those before."""
+        self._doubtful.discard(node)
         for slot in self._counted:
             if self._nodes[slot] == node:
                 self._answered[slot] = min(max(self._answered[slot], number), self.number)
 
+    def doubt(self, nodes: Collection[int]) -> None:
+        """Let nodes that are silent, or have started anew, hold nobody up until they have settled."""
+        self._doubtful.update(nodes)
+
     @property
     def owing(self) -> set[int]:
-        """Nodes that owe answers to SYNCs before the newest."""
-        return {
+        """Nodes that owe answers to SYNCs before the newest, or are in doubt."""
+        return self._doubtful | {
             node
             for slot in self._counted
             if (node := self._nodes[slot]) is not None and self._answered[slot] < self.number - 1
@@ -62,8 +68,13 @@ class SyncAnswers:
 
     @property
     def time(self) -> float:
-        """When the newest SYNC was sent that all have answered, in monotonic seconds; 0 if there is none."""
-        answered = min((self._answered[slot] for slot in self._counted), default=self.number)
+        """When the newest SYNC was sent that all have answered, in monotonic seconds; 0 if there is none.
+
+        All but those in doubt, as long as there are others.
+        """
+        sure = [slot for slot in self._counted if self._nodes[slot] not in self._doubtful]
+        slots = sure or self._counted
+        answered = min((self._answered[slot] for slot in slots), default=self.number)
         if not answered:
             return 0.0
         return self._sent[max(-len(self._sent), answered - self.number - 1)]

@@ -404,6 +404,7 @@ class ArmLink:
         self._tardy = [
             count + 1 if age else 0 for count, age in zip(self._tardy, self.cycle.ages, strict=True)
         ]
+        self.cycle.answers.doubt(self.restarted | self.left | self.late(self._config.missed_cycles))
         answered = self.cycle.answers.time
         self.sampled = Stamp(self.stamp.wall_ns - round(1e9 * (now - answered)), answered)
         if self.counters.foreign_syncs != self._foreign_syncs:

@@ -75,3 +75,32 @@ def test_an_answer_that_comes_twice_is_to_no_later_sync() -> None:
     answers.take(0)
     synced(answers)
     assert answers.time == PERIOD
+
+
+def test_a_silent_node_holds_nobody_up() -> None:
+    answers = SyncAnswers([1, 2])
+    for _ in range(5):  # the second one has started anew
+        synced(answers)
+        answers.take(0)
+        answers.doubt({2})
+        assert answers.time == answers.number * PERIOD
+    synced(answers)
+    answers.take(0)
+    answers.take(1)
+    assert answers.owing == {2}, "it may answer any of them"
+    assert answers.time == 6 * PERIOD
+    answers.settle(2, 6)
+    assert not answers.owing
+    synced(answers)
+    answers.take(0)
+    assert answers.time == 6 * PERIOD, "it counts again"
+
+
+def test_nodes_that_are_all_silent_leave_old_samples() -> None:
+    answers = SyncAnswers([1, 2])
+    synced(answers)
+    answers.take(0)
+    answers.take(1)
+    synced(answers, 3)
+    answers.doubt({1, 2})
+    assert answers.time == PERIOD
