@@ -136,12 +136,13 @@ class Feedback:
 
         Args:
             now: monotonic seconds.
-            since: monotonic seconds; what was measured before does not count: with its torque or its mode a
-                servo may have changed what its positions mean.
+            since: monotonic seconds; joints that were measured before do not count: with its torque or its
+                mode a servo may have changed what its positions mean.
         """
-        if self.joints_age(now) > self.stale_after or self._joints_at() < since:
+        joints, at = self._measured
+        if self.joints_age(now) > self.stale_after or (joints.position.size and at < since):
             return False
-        self.active = Active(None, JointState(position=self._measured[0].position), was_seeded=True)
+        self.active = Active(None, JointState(position=joints.position), was_seeded=True)
         return True
 
     def sent(self, point: Point, now: float, stamp_ns: int = 0) -> None:
@@ -217,14 +218,8 @@ class Feedback:
 
     def joints_age(self, now: float) -> float:
         """Return the seconds since the joints were measured; `sample_age` if they never were."""
-        return now - self._joints_at()
-
-    def _joints_at(self) -> float:
-        """Return when the joints were measured; if they never were, when the newest sample was acquired."""
         joints, at = self._measured
-        if joints.position.size:
-            return at
-        return -math.inf if self.sample is None else self.sample.stamp.monotonic
+        return now - at if joints.position.size else self.sample_age(now)
 
     def joint_setpoint(self) -> JointState:
         """Return the joint setpoint in force, see the table in `crtk_drivers.motion.told`."""

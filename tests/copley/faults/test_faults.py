@@ -220,6 +220,9 @@ def test_a_drive_that_is_not_heard_any_more_is_told_to_stop(sim: RunningSim) -> 
         eventually(lambda: sim.control.status()["mode"][0] == "", "it has stopped")
         assert sim.control.status()["position"][0] < 40_000
         sim.control.clear()
+        eventually(lambda: arm.engine.connected, "it is connected again")
+        count = arm.health().samples
+        eventually(lambda: arm.health().samples > count + 5, "it is seen to stand")
 
 
 @pytest.mark.slow
