@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Hashable
 from typing import Final, Generic, TypeVar
@@ -29,7 +30,8 @@ class Echo(Generic[CommandT]):
 
     def __init__(self, told: Callable[[CommandT], Hashable]) -> None:
         self._told = told
-        self._replaced: tuple[Hashable, float] | None = None
+        self._last: CommandT | None = None
+        self._replaced: dict[Hashable, float] = {}
         self.begin()
 
     def begin(self) -> None:
@@ -47,11 +49,13 @@ class Echo(Generic[CommandT]):
 
     def sent(self, command: CommandT, now: float) -> None:
         """A command of ours was acknowledged."""
-        before = self.command
+        before, self._last = self._last, command
         self.adopt()
         self.command = command
-        if before is not None and self._told(before) != self._told(command):
-            self._replaced = self._told(before), now
+        self._replaced = {told: at for told, at in self._replaced.items() if now - at < LATE}
+        if before is not None:
+            self._replaced[self._told(before)] = now
+        self._replaced.pop(self._told(command), None)
 
     def see(self, echo: Hashable, offered: CommandT | None, now: float) -> bool:
         """Take what is echoed now; return whether the status is about what we have sent.
@@ -66,8 +70,7 @@ class Echo(Generic[CommandT]):
             return True
         if self._strange_since is None:
             self._strange_since = now
-            replaced, at = self._replaced or (None, 0.0)
-            self._is_late = self._replaced is not None and echo == replaced and now - at < LATE
+            self._is_late = now - self._replaced.get(echo, -math.inf) < LATE
         self.taken_over = now - self._strange_since > OTHERS
         return False
 

@@ -263,7 +263,9 @@ class RobotiqHand(ActivatedHand[Command]):
 
     @property
     def _halts(self) -> bool:
-        return self._halt is not None and self._grip.echo.command is self._halt
+        """Whether it has a stop of ours, and nothing has come after that."""
+        echo = self._grip.echo
+        return self._halt is not None and echo.command is self._halt and not echo.taken_over
 
     def _staying(self, status: Status) -> Command | None:
         """Return what has the fingers stay where they are, or hold on; None: they go nowhere.

@@ -391,6 +391,28 @@ def test_another_master_pauses_and_resume_takes_over(running: RobotiqBench) -> N
     running.front.move_jp([0.05]).wait(LONG)
 
 
+@pytest.mark.parametrize("newer", [[], [0.03]], ids=["hold", "move-hold"])
+def test_a_doubled_command_of_ours_is_stopped(line: RobotiqBench, newer: list[float]) -> None:
+    """It comes once more, by a gateway, after the stop that has ended it."""
+    line.front.enable()
+    assert line.front.move_jp([0.08]).wait(LONG)
+    line.front.trajectory_j.set_ratio(0.01)
+    line.front.move_jp([0.02])
+    eventually(lambda: line.simulated("moves"), "it moves")
+    line.samples(3)
+    sent = line.device._hand._grip.echo.command
+    for goal in newer:
+        line.front.move_jp([goal])
+        line.samples(3)
+    line.front.hold()
+    eventually(lambda: not line.simulated("moves"), "it stands")
+    line.samples(3)
+    line.sim.control.inject("other_master", position=sent.position, speed=0)
+    line.state(PAUSED, "another program")
+    eventually(lambda: not line.simulated("moves"), "it is stopped")
+    assert line.simulated("opening") > 0.04
+
+
 @pytest.mark.sweep(4)
 def test_enable_ends_a_motion_that_somebody_else_has_begun(running: RobotiqBench) -> None:
     running.grip("at the position")

@@ -188,6 +188,32 @@ def test_an_echo_of_somebody_else_is_another_master() -> None:
     assert not grip.echo.taken_over
 
 
+@pytest.mark.parametrize("reconnects", [False, True])
+@pytest.mark.parametrize("newer", [1, 2, 20])
+def test_any_late_command_of_ours_stays_ours(newer: int, reconnects: bool) -> None:
+    """A gateway may double one of a stream, and others have come since."""
+    grip, period = Grip(), 0.02
+    for number in range(newer + 1):
+        if reconnects and number == newer:
+            grip.begin()
+        grip.delivered(replace(CLOSE, position=number), number * period)
+    doubled, now = replace(HOLDS, requested=0), newer * period
+    grip.see(doubled, now + 0.1)
+    grip.see(doubled, now + 0.1 + 2 * OTHERS)
+    assert grip.echo.taken_over
+    assert not grip.echo.is_others
+
+
+def test_what_we_sent_long_ago_is_another_master() -> None:
+    grip = Grip()
+    for number, at in ((0, 0.0), (1, 1.0), (2, 2.0)):
+        grip.delivered(replace(CLOSE, position=number), at)
+    old = replace(HOLDS, requested=0)
+    grip.see(old, 2.5)
+    grip.see(old, 2.5 + 2 * OTHERS)
+    assert grip.echo.is_others
+
+
 def test_radians_are_a_choice() -> None:
     assert RobotiqConfig(unit="rad").travel == 0.8
     assert RobotiqConfig(model="hand-e", unit="rad", stroke=1.0).travel == 1.0
