@@ -245,6 +245,7 @@ class MotionExecutor:
         else:
             self.follow_device()
             self._stopping.moves_again()
+            self._stopping.let_go()
             self._activity = FreeDrive(order, self._device, self._where)
 
     def _stream_on(self, order: Order, now: float) -> None:

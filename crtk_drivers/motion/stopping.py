@@ -147,6 +147,11 @@ class Stopping:
         self._was_sent = self.can_move
         self._seen_from = math.inf if lasts else self._clock() + self._lag
 
+    def let_go(self) -> None:
+        """It moves freely, and by nothing that was sent: what has no end of its own has come to one, too."""
+        if self._seen_from == math.inf:
+            self._seen_from = self._clock() + self._lag
+
     def motion_ended(self) -> None:
         """What was sent has been carried out, as was measured: the first sample in which it stands counts."""
         self._seen_from = -math.inf

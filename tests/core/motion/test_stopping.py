@@ -601,3 +601,25 @@ def test_what_was_held_after_a_motion_is_no_motion() -> None:
     rig.cycle(3)
     rig.disconnect("the link is gone")
     rig.engine.shut_down()
+
+
+def test_a_freed_device_at_rest_has_no_motion_left() -> None:
+    rig = Rig().enabled()
+    for _ in range(5):
+        rig.engine.submit("servo_jv", jv(0.1, 0.0))
+        rig.cycle()
+    rig.engine.submit("free")
+    rig.cycle(40)
+    rig.disconnect("the link is gone")
+    rig.engine.shut_down()
+
+
+def test_a_velocity_before_free_counts_until_it_rests() -> None:
+    rig = Rig().enabled()
+    rig.engine.submit("servo_jv", jv(0.1, 0.0))
+    rig.cycle(2)
+    rig.engine.submit("free")
+    rig.cycle()
+    rig.disconnect("the link is gone")
+    with pytest.raises(StopUnconfirmed, match="it was sent a motion, and not seen since"):
+        rig.engine.shut_down()
