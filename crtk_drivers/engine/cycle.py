@@ -305,11 +305,11 @@ class Engine(Intake):
                 self._sleep(self._period)
             try:
                 sample = self.device.read(now + self._period)
-            except ConnectionLost as error:
+                usable = sample if sample is not None and not sample.not_finite else None
+                self._stopping.follow(usable, self._clock())
+            except DeviceError as error:
                 told = without_name(str(error), self.where)
                 return f"{UNSEEN}: {told}"
-            usable = sample if sample is not None and not sample.not_finite else None
-            self._stopping.follow(usable, self._clock())
         return "" if self._stopping.confirmed else overdue
 
     # -------------------------------------------------------------------- for the watchdog's thread

@@ -23,6 +23,7 @@ from crtk_drivers.errors import (
     CommandRefused,
     ConnectionLost,
     MotionAborted,
+    ProtocolError,
     Reason,
     StopUnconfirmed,
 )
@@ -623,3 +624,20 @@ def test_a_velocity_before_free_counts_until_it_rests() -> None:
     rig.disconnect("the link is gone")
     with pytest.raises(StopUnconfirmed, match="it was sent a motion, and not seen since"):
         rig.engine.shut_down()
+
+
+def test_a_stop_that_cannot_be_sent_again_is_unconfirmed() -> None:
+    """The first one went out, but nothing answers it any more."""
+    rig = Runaway(heeds=10_000).running()
+    stop = rig.device.stop
+
+    def once() -> None:
+        stop()
+        if rig.stops > 1:
+            raise ProtocolError("no answer to stop", where="a")
+
+    rig.device.stop = once  # type: ignore[method-assign]
+    with pytest.raises(StopUnconfirmed, match=r"could not be read back.*no answer to stop"):
+        rig.engine.shut_down()
+    assert rig.stops == 2
+    assert rig.device.calls[-1] == "close"
