@@ -260,7 +260,7 @@ class Engine(Intake):
                 self._leave(OperatingState.DISABLED, "shut down")
                 overdue = self._await_stop(alive)
             else:
-                overdue = self._stopping.unseen
+                overdue = self.unseen
         finally:
             self._connected = False
             self._loss = ""

@@ -171,6 +171,11 @@ class Intake:
         return self._stopping.can_move
 
     @property
+    def unseen(self) -> str:
+        """What to say of a motion whose end nobody has seen, if there is one; else empty."""
+        return self._stopping.unseen
+
+    @property
     def has_sample(self) -> bool:
         """Whether the device has been read since it was connected."""
         return self._feedback.sample_age(self._clock()) < math.inf

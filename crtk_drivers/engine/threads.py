@@ -91,6 +91,7 @@ class BusThread:
         self._heartbeat = Deadman(STALL_LIMIT + 2.0 * self._period)
         self._stopping = threading.Event()
         self._failures: list[DeviceError] = []
+        self._is_opening = False
         self._thread = threading.Thread(target=self._run, name=f"io {bus}", daemon=True)
 
     @property
@@ -117,6 +118,17 @@ class BusThread:
     def time_to_close(self) -> float:
         """Seconds within which all of its devices declare to stand after a stop, or to be disabled."""
         return sum(engine.time_to_close for engine in self.engines)
+
+    @property
+    def may_move(self) -> bool:
+        """Whether one of its devices may move, as far as is known where the thread hangs.
+
+        A device that is being opened, and was seen to stand before or never, has been sent nothing.
+        """
+        return any(
+            engine.can_move and (not self._is_opening or engine.connected or bool(engine.unseen))
+            for engine in self.engines
+        )
 
     def join(self, deadline: float) -> bool:
         """Wait for the end until the monotonic `deadline`; return whether it came."""
@@ -204,6 +216,7 @@ class BusThread:
         deadline = time.monotonic() + min(member.open_timeout, limit)
         self._heartbeat.feed(deadline)
         engine, is_first = member.engine, member.reconnect.delay == FIRST_RETRY
+        self._is_opening = True
         try:
             engine.connect(deadline)
         except ConnectionFailed as error:  # the engine tells why
@@ -217,6 +230,8 @@ class BusThread:
                 )
         else:
             logger.info("%s: connected", engine.where)
+        finally:
+            self._is_opening = False
 
     def _lose(self, member: _Member, reason: str, remedy: str) -> None:
         member.reconnect.failed(time.monotonic())
@@ -296,7 +311,7 @@ class Runtime:
         Raises:
             StopUnconfirmed: a device that can move was not seen to stand: its stop was not read back, or its
                 I/O thread did not end in time.
-            DeviceError: it could not be told to stop, or the I/O thread of what cannot move did not end.
+            DeviceError: it could not be told to stop, or the I/O thread of what does not move did not end.
         """
         if not self._started:
             return
@@ -312,13 +327,13 @@ class Runtime:
             for engine in bus.engines:
                 self._alarm(engine, f"the I/O thread of {bus.bus} did not end")
         if stuck:
-            can_move = any(engine.can_move for bus in stuck for engine in bus.engines)
-            error = StopUnconfirmed if can_move else DeviceError
+            may_move = any(bus.may_move for bus in stuck)
+            error = StopUnconfirmed if may_move else DeviceError
             raise error(
                 f"the I/O thread of {', '.join(bus.bus for bus in stuck)} "
                 f"did not end in {timeout:g} s"
-                + (": a stop was sent, and could not be read back" if can_move else ""),
-                remedy=f"{LOOK_AT_IT} {REPORT}" if can_move else REPORT,
+                + (": a stop was sent, and could not be read back" if may_move else ""),
+                remedy=f"{LOOK_AT_IT} {REPORT}" if may_move else REPORT,
             )
         for bus in self._buses:
             for failure in bus.failures:

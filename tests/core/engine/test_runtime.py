@@ -17,6 +17,7 @@ from crtk_drivers.errors import (
     CommandRefused,
     ConnectionFailed,
     ConnectionLost,
+    DeviceError,
     MotionAborted,
     StopUnconfirmed,
 )
@@ -587,6 +588,49 @@ def test_an_open_that_ignores_its_deadline_is_an_alarm() -> None:
         assert device.stopped == 0, "there is nobody to stop yet"
         release.set()
         eventually(lambda: engine.connected)
+
+
+def test_an_open_that_hangs_while_closing_moves_nothing() -> None:
+    """As one whose host name nobody resolves: a device that was never reached was sent no motion."""
+    device, release, entered = Misbehaving(), threading.Event(), threading.Event()
+
+    def hang() -> None:
+        entered.set()
+        release.wait(LONG)
+
+    device.in_open = hang
+    runtime = Runtime([(Engine(device, "x"), 1.0)])
+    runtime.start()
+    try:
+        assert entered.wait(LONG)
+        with pytest.raises(DeviceError, match="did not end") as caught:
+            runtime.close(0.1)
+        assert not isinstance(caught.value, StopUnconfirmed)
+    finally:
+        release.set()
+
+
+def test_a_motion_before_an_open_that_hangs_is_unconfirmed() -> None:
+    device, release, entered = Misbehaving(), threading.Event(), threading.Event()
+    engine = Engine(device, "x")
+    runtime = Runtime([(engine, 1.0)])
+
+    def hang() -> None:
+        entered.set()
+        release.wait(LONG)
+
+    runtime.start()
+    try:
+        enable(engine)
+        engine.submit("move_jp", JointState(position=vector([0.5] * 4)))
+        eventually(lambda: device.writes, "it moves")
+        device.in_open = hang
+        device.in_read = raising(ConnectionLost("gone", where="a"))
+        assert entered.wait(LONG)
+        with pytest.raises(StopUnconfirmed, match="did not end"):
+            runtime.close(0.1)
+    finally:
+        release.set()
 
 
 def test_python_passes_its_lock_on_in_time_whoever_starts_it() -> None:
