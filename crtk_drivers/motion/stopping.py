@@ -99,7 +99,7 @@ class Stopping:
         self._longest_look = HELD_UP + 2.0 / capabilities.rate
         self._passed = self._watched_for = self._counted = 0.0
         self._sent = -math.inf
-        self._watches = self._was_sent = False
+        self._watches = self._was_sent = self._is_let_go = False
         self._position: tuple[float, Vector] | None = None
         self._moving = ""
         self._last_seen = ""
@@ -144,11 +144,12 @@ class Stopping:
         Args:
             lasts: it has no end of its own, as a velocity or an effort; a stop that is read back ends it.
         """
-        self._was_sent = self.can_move
+        self._was_sent, self._is_let_go = self.can_move, False
         self._seen_from = math.inf if lasts else self._clock() + self._lag
 
     def let_go(self) -> None:
-        """It moves freely, and by nothing that was sent: what has no end of its own has come to one, too."""
+        """It moves freely: what has no end of its own has come to one, and it is on its way to nowhere."""
+        self._is_let_go = True
         if self._seen_from == math.inf:
             self._seen_from = self._clock() + self._lag
 
@@ -240,8 +241,8 @@ class Stopping:
         at = sample.stamp.monotonic
         if self._watches and at > self._asked and self._device.has_stopped:
             self._watches = self._was_sent = False
-        elif sample.stamp.wall_ns and at > self._seen_from and self._device.has_arrived:
-            self._was_sent = False
+        elif sample.stamp.wall_ns and at > self._seen_from:
+            self._was_sent = not (self._is_let_go or self._device.has_arrived)
 
     def _motion_of(self, state: JointState, at: float) -> str | None:
         """Return what moves, in words; None if that cannot be told yet."""

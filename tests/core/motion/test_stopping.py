@@ -641,3 +641,15 @@ def test_a_stop_that_cannot_be_sent_again_is_unconfirmed() -> None:
         rig.engine.shut_down()
     assert rig.stops == 2
     assert rig.device.calls[-1] == "close"
+
+
+def test_a_freed_device_is_not_on_its_way_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stream has ended short of its last setpoint, from where somebody pulls the joint away."""
+    rig = Rig().enabled()
+    monkeypatch.setattr(type(rig.device), "has_arrived", property(lambda _: False))
+    rig.servo(0.01, 0.0)
+    rig.cycle()
+    rig.engine.submit("free")
+    rig.cycle(40)
+    rig.disconnect("the link is gone")
+    rig.engine.shut_down()
