@@ -85,6 +85,7 @@ class Services:
         make: Callable[[], Any],
         request: Any,
         reply: Callable[[Any], None],
+        received_ns: int,
     ) -> None:
         response = make()
         if self._asked.qsize() >= MOST_QUESTIONS:

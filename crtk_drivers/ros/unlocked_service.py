@@ -29,9 +29,19 @@ class _RequestId(ctypes.Structure):
     _fields_ = (("writer_guid", ctypes.c_int8 * 16), ("sequence_number", ctypes.c_int64))
 
 
+class _ServiceInfo(ctypes.Structure):
+    """``rmw_service_info_t`` (rmw/types.h)."""
+
+    _fields_ = (
+        ("source_timestamp", ctypes.c_int64),
+        ("received_timestamp", ctypes.c_int64),
+        ("request_id", _RequestId),
+    )
+
+
 # It is in this process already, and rmw among the libraries that it is linked with.
 _rcl = ctypes.CDLL("librcl.so")
-_take = _rcl.rcl_take_request
+_take = _rcl.rcl_take_request_with_info
 _take.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 _send = _rcl.rcl_send_response
 _send.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -84,8 +94,9 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
         node: not given to an executor yet.
         kind: of the service.
         name: of the service.
-        receive: called by the executor's thread with each request and what sends its response: once, now
-            or later, from any thread.
+        receive: called by the executor's thread with each request, what sends its response: once, now
+            or later, from any thread; and when it came, in ns since the epoch, 0 if the middleware does not
+            say.
         takes_bytes: requests are handed over as CDR.
 
     Attributes:
@@ -97,7 +108,7 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
         node: UnlockedNode,
         kind: Any,
         name: str,
-        receive: Callable[[Any, Callable[[Any], None]], None],
+        receive: Callable[[Any, Callable[[Any], None], int], None],
         takes_bytes: bool = False,
     ) -> None:
         self.service: Service = node.create_service(kind, name, _unread)
@@ -140,13 +151,13 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
     async def execute(self, nothing: None) -> None:
         """See rclpy. `take_data` has done it."""
 
-    def _taken(self) -> tuple[Any, Callable[[Any], None]] | None:
-        requester = _RequestId()
+    def _taken(self) -> tuple[Any, Callable[[Any], None], int] | None:
+        info = _ServiceInfo()
         messages = self._requests
         message = messages.create()
         try:
             with self._handle:
-                failed = _take(self._handle.pointer, ctypes.byref(requester), message)
+                failed = _take(self._handle.pointer, ctypes.byref(info), message)
             if failed:
                 text = rcl_error()
                 if failed == _NOTHING_THERE:
@@ -156,7 +167,12 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
             request = read(message)
         finally:
             messages.destroy(message)
-        return request, lambda response: self._reply(response, requester)
+        requester = info.request_id
+        return (
+            request,
+            lambda response: self._reply(response, requester),
+            info.received_timestamp,
+        )
 
     def _reply(self, response: Any, requester: _RequestId) -> None:
         messages = self._responses

@@ -68,8 +68,12 @@ class Behaviour(ABC):
     takes_bytes = False
 
     @abstractmethod
-    def begin(self, goal: Any) -> Pursuit:
+    def begin(self, goal: Any, received_ns: int) -> Pursuit:
         """Begin what a goal asks for.
+
+        Args:
+            goal: see `takes_bytes`.
+            received_ns: when it came; see `crtk_drivers.engine.Engine.submit`.
 
         Raises:
             CommandRefused: the goal is rejected; counted and told already.
@@ -126,14 +130,14 @@ class ActionServer:
 
     # ------------------------------------------------------------------- in the executor's thread
 
-    def _send_goal(self, request: Any, reply: Reply) -> None:
+    def _send_goal(self, request: Any, reply: Reply, received_ns: int) -> None:
         response = self._behaviour.action.Impl.SendGoalService.Response(accepted=False)
         try:
-            self._take(request, response)
+            self._take(request, response, received_ns)
         finally:
             reply(response)
 
-    def _take(self, request: Any, response: Any) -> None:
+    def _take(self, request: Any, response: Any, received_ns: int) -> None:
         """Begin what is asked, and say in the response whether it was accepted."""
         if isinstance(request, bytes):
             goal_id, wanted = request[GOAL_ID], request
@@ -145,7 +149,7 @@ class ActionServer:
             )
             return
         try:
-            pursuit = self._behaviour.begin(wanted)
+            pursuit = self._behaviour.begin(wanted, received_ns)
         except CommandRefused:
             return  # counted and told to the engine's observers
         with self._lock:
@@ -164,7 +168,7 @@ class ActionServer:
         self._ended.put(goal_id)
         self._ends.ask()
 
-    def _cancel(self, request: Any, reply: Reply) -> None:
+    def _cancel(self, request: Any, reply: Reply, received_ns: int) -> None:
         wanted = request.goal_info
         with self._lock:
             code, goals = self._goals.to_cancel(
@@ -182,7 +186,7 @@ class ActionServer:
         reply(CancelGoal.Response(return_code=int(code), goals_canceling=infos))
         self._told.ask()
 
-    def _get_result(self, request: Any, reply: Reply) -> None:
+    def _get_result(self, request: Any, reply: Reply, received_ns: int) -> None:
         response = self._behaviour.action.Impl.GetResultService.Response()
 
         def answer() -> None:

@@ -158,11 +158,11 @@ class _Grips(Behaviour):
         """Return a result, or feedback."""
 
     @override
-    def begin(self, goal: Any) -> Pursuit:
+    def begin(self, goal: Any, received_ns: int) -> Pursuit:
         self._admit(COMMAND)
         position = self._position(goal)
         wanted = JointState(position=vector([position]))
-        move = self._engine.submit(COMMAND, wanted, client=self._client)
+        move = self._engine.submit(COMMAND, wanted, client=self._client, received_ns=received_ns)
         assert move is not None
         return _Gripping(move, position, self._engine, self._finger, self._told)
 

@@ -62,10 +62,10 @@ class FollowTrajectory(Behaviour):
         self._client = Client(f"a client of the action {FOLLOW.name}")
 
     @override
-    def begin(self, goal: bytes) -> Pursuit:
+    def begin(self, goal: bytes, received_ns: int) -> Pursuit:
         self._admit(FOLLOW.name)
         asked = read_trajectory(self._engine, self._names, goal, decode_goal)
-        move = self._engine.submit(FOLLOW.name, asked, client=self._client)
+        move = self._engine.submit(FOLLOW.name, asked, client=self._client, received_ns=received_ns)
         assert move is not None
         return _Following(move, self._names.outgoing(self._engine.capabilities.joints))
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from rigs.action_client import (
     trajectory_goal,
 )
 from rigs.moveit_node import MoveItRig, moveit_rig
-from rigs.waiting import eventually
+from rigs.waiting import LONG, eventually
 
 SPACE = "/followed"
 FOR_LONG = 15.0
@@ -188,3 +190,28 @@ def test_a_hundred_thousand_points_are_rejected_and_the_io_thread_notices_nothin
     )
     assert rig.asker.send(goal) is None
     assert rig.engine.status.state is OperatingState.ENABLED
+
+
+def test_a_goal_from_before_hold_is_not_pursued_after(rig: MoveItRig) -> None:
+    engine = rig.engine
+    busy, free = threading.Event(), threading.Event()
+
+    def hear(name: str, value: Any, stamp_ns: int) -> None:
+        if name == "follow_joint_trajectory":
+            busy.set()
+            assert free.wait(LONG)
+
+    goal = as_moveit(rig.names, offsets(rig, 0.0, 0.3, every=FOR_LONG))
+    before, engine.hearers = engine.hearers, (*engine.hearers, hear)
+    asked: list[Any] = []
+    asking = threading.Thread(target=lambda: asked.append(rig.asker.send(goal)))
+    asking.start()
+    try:
+        assert busy.wait(LONG)
+        engine.submit("hold")
+    finally:
+        free.set()
+        asking.join()
+        engine.hearers = before
+    assert asked == [None], "it was accepted"
+    assert not engine.status.is_busy
