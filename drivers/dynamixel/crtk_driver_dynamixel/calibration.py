@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -59,9 +59,10 @@ class Calibration(Settings):
     version: Literal[1] = Field(default=1, description="Of the format.")
     servos: tuple[ServoCalibration, ...] = Field(description="One for each servo.")
 
-    def of(self, bus: str, servo: int) -> ServoCalibration | None:
-        """Return what was found for a servo; None if it is not among these."""
-        return next((s for s in self.servos if (s.bus, s.id) == (bus, servo)), None)
+    @property
+    def by_place(self) -> Mapping[tuple[str, int], ServoCalibration]:
+        """What was found for each servo, by its bus and id."""
+        return {(servo.bus, servo.id): servo for servo in self.servos}
 
     def check(self, servos: Iterable[Identity], where: str = "calibration") -> None:
         """Make sure that this calibration is of these servos.

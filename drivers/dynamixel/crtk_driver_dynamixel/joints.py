@@ -147,12 +147,8 @@ class Chain:
         servos = tuple(_servos(config))
         if calibration is not None:
             calibration.check([(s.name, s.bus, s.id, s.units.model.name) for s in servos])
-            servos = tuple(
-                replace(s, units=found.applied_to(s.units))
-                if (found := calibration.of(s.bus, s.id))
-                else s
-                for s in servos
-            )
+            found = calibration.by_place
+            servos = tuple(replace(s, units=found[s.bus, s.id].applied_to(s.units)) for s in servos)
         if calibration is not None or not config.calibration:
             for servo in servos:
                 _check_range(servo)

@@ -22,12 +22,11 @@ from crtk_driver_dynamixel.preparation import ATTEMPTS
 from crtk_driver_dynamixel.servo_state import KEPT, encoder_turn, position_limits
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
-from crtk_drivers.errors import DeviceFault
+from crtk_drivers.errors import DeviceFault, raise_first
 
-BY_HAND: Final = "Move the joint into its range by hand, with the torque off, and enable again."
-RESTART: Final = (
-    "If it is in its range already, it was turned over the end of its encoder's turn: switch its supply off "
-    "and on."
+BY_HAND: Final = (
+    "Move the joint into its range by hand, with the torque off, and enable again. If it is in its range "
+    "already, it was turned over the end of its encoder's turn: switch its supply off and on."
 )
 
 NEAR: Final = 512
@@ -116,23 +115,14 @@ class Modes:
         Args:
             counts: where each is, by place.
         """
-        found = self._beyond(counts)
-        if found:
-            yield DeviceFault(
-                "; ".join(found), where=self._link.address, remedy=f"{BY_HAND} {RESTART}"
-            )
-
-    def _beyond(self, counts: Mapping[int, int]) -> list[str]:
-        return [
-            self._outside(place, count)
+        found = [
+            f"{self._link.chain.servos[place].place} stands at count {count}, outside its own limits "
+            f"{low} to {high}"
             for place, count, low, high in self._in_one_turn(counts)
             if not low <= count <= high
         ]
-
-    def _outside(self, place: int, count: int) -> str:
-        low, high = self._limits(place)
-        name = self._link.chain.servos[place].place
-        return f"{name} stands at count {count}, outside its own limits {low} to {high}"
+        if found:
+            yield DeviceFault("; ".join(found), where=self._link.address, remedy=BY_HAND)
 
     def near_the_end(self, places: Sequence[int]) -> bool:
         """Whether a servo is less than an eighth of a turn from the end of the turn, or beyond."""
@@ -159,10 +149,8 @@ class Modes:
         """Return the least and greatest count at which position mode holds a servo where it stands."""
         values = self._link.states[place].values
         family = self._link.chain.servos[place].units.model.family
-        (least, most), (first, last) = (
-            position_limits(values, family),
-            encoder_turn(values, family),
-        )
+        least, most = position_limits(values, family)
+        first, last = encoder_turn(values, family)
         return max(least, first), min(most, last)
 
     def _check_goals(self, kind: Kind, goals: Mapping[int, int], places: Sequence[int]) -> None:
@@ -208,7 +196,13 @@ class Modes:
                 )
 
     def _still(self, place: int, kind: Kind, count: int) -> dict[str, int]:
-        """Return what the RAM of a servo at a count must hold before torque goes on, its goal included."""
+        """Return what the RAM of a servo at a count must hold before torque goes on, its goal included.
+
+        Raises:
+            DeviceFault: it is where it takes no goal, and would jump.
+        """
+        if kind is Kind.POSITION:
+            raise_first(self.beyond({place: count}))
         link = self._link
         state, servo = link.states[place], link.chain.servos[place]
         wanted: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
@@ -219,22 +213,5 @@ class Modes:
                 # What it was before, by another configuration or mode, would bound the other modes.
                 _, most = state.table.item(bound).range
                 wanted.setdefault(bound, min(state.values[limit], most))
-        goal = self._goal_at(place, count) if kind is Kind.POSITION else 0
-        wanted[self.goal_register(place, kind)] = goal
+        wanted[self.goal_register(place, kind)] = count if kind is Kind.POSITION else 0
         return {name: value for name, value in wanted.items() if state.has(name)}
-
-    def _goal_at(self, place: int, count: int) -> int:
-        """Return where a servo is, as a goal that it takes.
-
-        Raises:
-            DeviceFault: it is where it takes no goal, and would jump.
-        """
-        if self.mode(place, Kind.POSITION) is OperatingMode.POSITION:
-            low, high = self._limits(place)
-            if not low <= count <= high:
-                raise DeviceFault(
-                    self._outside(place, count),
-                    where=self._link.address,
-                    remedy=f"{BY_HAND} {RESTART}",
-                )
-        return count

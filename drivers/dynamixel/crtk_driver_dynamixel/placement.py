@@ -38,8 +38,7 @@ class Placement:
 
     def __init__(self, chain: Chain, calibration: Calibration | None, path: str) -> None:
         self.configured = self.chain = chain
-        found = () if calibration is None else calibration.servos
-        self.calibrated = {(servo.bus, servo.id): servo for servo in found}
+        self.calibrated = {} if calibration is None else calibration.by_place
         self._file = TurnsFile(path) if path else None
         self._turning = np.array(
             [
@@ -83,19 +82,11 @@ class Placement:
                 found: Mapping[int, Placed] = self._first_turns(self._file)
             else:
                 found = self.configured.turn_shifts(counts, known, self._has_run_on)
-            self._shift(
-                {
-                    place: other
-                    + (
-                        found[place].shift
-                        if place in found
-                        else self._turn_of_range(place, count) or 0
-                    )
-                    for (place, other), count in zip(
-                        self._homing.items(), frame.position.tolist(), strict=True
-                    )
-                }
-            )
+            turns = {place: turn.shift for place, turn in found.items()}
+            for place, count in enumerate(frame.position.tolist()):
+                if place not in turns:
+                    turns[place] = self._turn_of_range(place, count) or 0
+            self._shift({place: turns[place] + other for place, other in self._homing.items()})
             self.doubts = {
                 place: f"{self.chain.servos[place].place} may be in another turn: {turn.doubt}"
                 for place, turn in found.items()
@@ -153,10 +144,9 @@ class Placement:
         for place in np.flatnonzero(frame.valid & ~before.valid).tolist():
             if self.configured.servos[place].units.mode is OperatingMode.POSITION:
                 turn = self._turn_of_range(place, int(frame.position[place]))
-                if turn is None:
-                    continue
-                if other := turn + self._homing[place] - self._shifts[place]:
-                    found[place] = other
+                known = self._shifts[place] - self._homing[place]
+                if turn is not None and turn != known:
+                    found[place] = turn - known
         return found
 
     def _turn_of_range(self, place: int, count: int) -> int | None:
@@ -170,9 +160,9 @@ class Placement:
         servo = self.configured.servos[place]
         family = servo.units.model.family
         first, last = encoder_turn(state.values, family)
-        lower, upper = servo_range(servo.config)
         if not first <= count <= last:
             return None
+        lower, upper = servo_range(servo.config)
         for turn in (0, family.counts, -family.counts):
             if lower <= servo.units.position(count - self._homing[place] - turn) <= upper:
                 return turn
