@@ -11,7 +11,7 @@ from typing_extensions import override
 from crtk_drivers.device import Answer, Steps
 from crtk_drivers.errors import CrtkError, TransitionFailed
 from crtk_drivers.kit import until
-from crtk_drivers.kit.gripping import Hand, HandService, Weight, When, not_made_ready
+from crtk_drivers.kit.gripping import Echo, Hand, HandService, Weight, When, not_made_ready
 
 __all__ = ["TURN", "ActivatedHand", "Turn"]
 
@@ -56,6 +56,26 @@ class ActivatedHand(Hand, Generic[CommandT]):
     @abstractmethod
     def _turns(self) -> Iterator[Turn]:
         """Return what an activation has to go through now, one after the other."""
+
+    @property
+    @abstractmethod
+    def _echo(self) -> Echo[CommandT]:
+        """Whose command it echoes."""
+
+    @property
+    @override
+    def taken_over(self) -> bool:
+        return self._echo.taken_over
+
+    @property
+    @override
+    def is_others(self) -> bool:
+        return self._echo.is_others
+
+    @property
+    @override
+    def is_in_doubt(self) -> bool:
+        return self._echo.is_in_doubt
 
     @property
     @override

@@ -32,6 +32,7 @@ from crtk_drivers.kit.gripping import (
     HELD,
     Adjustable,
     Doing,
+    Echo,
     Fault,
     GripperDevice,
     Measured,
@@ -310,18 +311,8 @@ class RobotiqHand(ActivatedHand[Command]):
 
     @property
     @override
-    def taken_over(self) -> bool:
-        return self._grip.echo.taken_over
-
-    @property
-    @override
-    def is_others(self) -> bool:
-        return self._grip.echo.is_others
-
-    @property
-    @override
-    def is_in_doubt(self) -> bool:
-        return self._grip.echo.is_in_doubt
+    def _echo(self) -> Echo[Command]:
+        return self._grip.echo
 
     @override
     def unfit(self, *, enabled: bool) -> Condition | None:

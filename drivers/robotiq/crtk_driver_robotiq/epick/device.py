@@ -39,6 +39,7 @@ from crtk_drivers.kit import modbus_link
 from crtk_drivers.kit.gripping import (
     HELD,
     Doing,
+    Echo,
     Fault,
     GripperDevice,
     Measured,
@@ -204,18 +205,8 @@ class EpickHand(ActivatedHand[Command]):
 
     @property
     @override
-    def taken_over(self) -> bool:
-        return self._suction.echo.taken_over
-
-    @property
-    @override
-    def is_others(self) -> bool:
-        return self._suction.echo.is_others
-
-    @property
-    @override
-    def is_in_doubt(self) -> bool:
-        return self._suction.echo.is_in_doubt
+    def _echo(self) -> Echo[Command]:
+        return self._suction.echo
 
     @override
     def unfit(self, *, enabled: bool) -> Condition | None:
