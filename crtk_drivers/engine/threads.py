@@ -123,7 +123,7 @@ class BusThread:
     def may_move(self) -> bool:
         """Whether one of its devices may move, as far as is known where the thread hangs.
 
-        A device that is being opened, and was seen to stand before or never, has been sent nothing.
+        A device that is being opened has been sent nothing since it was last seen to stand.
         """
         return any(
             engine.can_move and (not self._is_opening or engine.connected or bool(engine.unseen))

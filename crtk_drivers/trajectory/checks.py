@@ -87,15 +87,13 @@ class TrajectoryCheck:
         """
         lower, upper, fastest = way.extremes()
         self._check_range(lower, upper)
-        excess = ~(fastest <= self._velocity * (1.0 + _FASTER))  # NaN is
-        if excess.any():
-            index = int(np.argmax(excess))
-            raise self._refusal(
-                Reason.OUT_OF_RANGE,
-                f"{self._joints[index]} would move at {fastest[index]:.4f}, faster than "
-                f"{self._velocity[index]:.4f}",
-                "Give it more time, or begin nearer to where the joints are.",
-            )
+        self._require_at_most(
+            fastest,
+            self._velocity,
+            _FASTER,
+            "{} would move at {:.4f}, faster than {:.4f}",
+            "Give it more time, or begin nearer to where the joints are.",
+        )
 
     def check_pull(self, pull: Array) -> None:
         """Refuse a trajectory whose first point comes sooner than the joints can be there.
@@ -106,15 +104,13 @@ class TrajectoryCheck:
         Raises:
             CommandRefused: with the joint.
         """
-        excess = ~(pull <= self._acceleration * (1.0 + HARDER))  # NaN is
-        if excess.any():
-            index = int(np.argmax(excess))
-            raise self._refusal(
-                Reason.OUT_OF_RANGE,
-                f"{self._joints[index]} would accelerate at {pull[index]:.4f} to be at the first point in "
-                f"time, more than {self._acceleration[index]:.4f}",
-                "Give the first point more time, or begin nearer to where the joints are.",
-            )
+        self._require_at_most(
+            pull,
+            self._acceleration,
+            HARDER,
+            "{} would accelerate at {:.4f} to be at the first point in time, more than {:.4f}",
+            "Give the first point more time, or begin nearer to where the joints are.",
+        )
 
     def check_start(self, off: Vector, longest: float) -> None:
         """Refuse a trajectory that is not, when it is joined, where the joints are.
@@ -135,6 +131,19 @@ class TrajectoryCheck:
                 f"{longest * self._velocity[index]:.4f}",
                 "Let it begin where the joints are, or give the first point a time to get there.",
             )
+
+    def _require_at_most(
+        self, values: Array, limits: Vector, slack: float, text: str, remedy: str
+    ) -> None:
+        """Refuse values (n,) above limits (n,) by more than a share `slack`.
+
+        `text` has places for the joint, its value and its limit.
+        """
+        excess = ~(values <= limits * (1.0 + slack))  # NaN is
+        if excess.any():
+            index = int(np.argmax(excess))
+            told = text.format(self._joints[index], values[index], limits[index])
+            raise self._refusal(Reason.OUT_OF_RANGE, told, remedy)
 
     def _check_range(self, lower: Array, upper: Array) -> None:
         for values, outside in (

@@ -42,7 +42,7 @@ def until_it_moves(run: Path) -> None:
 
 
 @pytest.mark.usefixtures("cold_bench")
-def test_of_a_frozen_conductor_the_device_is_stopped(tmp_path: Path) -> None:
+def test_a_frozen_conductor_leaves_no_device_moving(tmp_path: Path) -> None:
     """The driver holds and leaves it, then its power is taken, and the run ends and says why."""
     path, run = tmp_path / "lab.toml", tmp_path / "run"
     path.write_text(GANTRY + OFF)
@@ -73,7 +73,7 @@ def test_of_a_frozen_conductor_the_device_is_stopped(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("cold_bench")
-def test_of_a_frozen_driver_the_verdict_names_it(tmp_path: Path) -> None:
+def test_the_verdict_names_a_frozen_driver(tmp_path: Path) -> None:
     """The power is taken, the run ends, and the process is not left."""
     path, run = tmp_path / "lab.toml", tmp_path / "run"
     path.write_text(GANTRY + OFF)

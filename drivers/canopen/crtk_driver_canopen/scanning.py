@@ -15,13 +15,12 @@ from crtk_driver_canopen.master import NODES, Master
 from crtk_driver_canopen.modes import OpMode, supported
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo, SdoAborted, SdoSilent
+from crtk_driver_canopen.transfers import UPLOAD_DEVICE_TYPE
 
 AXES: Final = 8
 
 _ASKING: Final = 0.0005
 """Seconds between two nodes that are asked, so that the answers find room."""
-
-_UPLOAD_DEVICE_TYPE: Final = bytes((0x40, 0x00, 0x10, 0x00, 0, 0, 0, 0))
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ def answering(link: CanLink, wait: float, nodes: Iterable[int] = NODES) -> list[
         link.subscribe(0x580 + node, taker(node))
     try:
         for node in nodes:
-            link.post(0x600 + node, _UPLOAD_DEVICE_TYPE)
+            link.post(0x600 + node, UPLOAD_DEVICE_TYPE)
             link.poll(time.monotonic() + _ASKING)
         link.poll(time.monotonic() + wait, lambda: len(found) == len(nodes))
     finally:

@@ -33,10 +33,10 @@ DOWNLOAD: Final = 3
 ABORT: Final = 4
 """Command specifiers of a server's answers that name the object (CiA 301, 7.2.4.3)."""
 
-_DEVICE_TYPE: Final = bytes((0x00, 0x10, 0x00))
-"""Index and sub-index of the object that every node has (CiA 301, 1000h)."""
-_READ: Final = 0x40
-"""Command of a request to read."""
+UPLOAD_DEVICE_TYPE: Final = bytes((0x40, 0x00, 0x10, 0x00, 0, 0, 0, 0))
+"""Request to read the object that every node has (CiA 301, 1000h)."""
+_DEVICE_TYPE: Final = UPLOAD_DEVICE_TYPE[1:4]
+"""Its index and sub-index, as requests and answers have them."""
 
 LARGE: Final = 256
 """Bytes from which a transfer goes in blocks."""
@@ -152,7 +152,7 @@ class SdoChannel:
         if self._lock.locked():  # a transfer goes on, which this would break off
             return False
         self._probe = answered
-        return self._link.send(Frame(0x600 + self.node, bytes((_READ, *_DEVICE_TYPE, 0, 0, 0, 0))))
+        return self._link.send(Frame(0x600 + self.node, UPLOAD_DEVICE_TYPE))
 
     def upload(self, index: int, subindex: int) -> bytes:
         """Return the bytes of an object.

@@ -280,9 +280,8 @@ class Tracker:
         """Take a reply; return whether it is what was waited for."""
         asked = self._asked
         self._check_reset(reply, asked)
-        if asked in (_MARK, _FRAME) and _is_mark_answer(reply) is not (
-            asked == _MARK
-        ):  # a late one
+        is_late = asked in (_MARK, _FRAME) and _is_mark_answer(reply) != (asked == _MARK)
+        if is_late:
             self._surplus += 1
             return False
         self._asked = ""
