@@ -31,12 +31,13 @@ from crtk_drivers.labs.bench import conductor, host, report
 from crtk_drivers.labs.bench import run as run_module
 from crtk_drivers.labs.bench.acquisition import Safety, Suite
 from crtk_drivers.labs.bench.allowed import BenchOptions, lacking, unguarded
-from crtk_drivers.labs.bench.bed import Bed, Broken
+from crtk_drivers.labs.bench.bed import Bed, Broken, Tripped
 from crtk_drivers.labs.bench.calls import About, Glance, HostOrder
 from crtk_drivers.labs.bench.catalogue import TESTS, chosen
 from crtk_drivers.labs.bench.conducting import RunOrder
 from crtk_drivers.labs.bench.door import Door, DoorClosed, Refused
 from crtk_drivers.labs.bench.locks import alone
+from crtk_drivers.labs.bench.motions import SINES
 from crtk_drivers.labs.bench.results import Run, read_run, write_run
 from crtk_drivers.labs.bench.run import judged_again, run_bench
 from crtk_drivers.labs.bench.watch import Watch, judged, let_go
@@ -353,6 +354,36 @@ def test_the_watch_tells_of_what_does_not_answer_as_it_is_to_be_held() -> None:
     watch = Watch(Closed(), ABOUT, None, StopRequest(), partial(lost.append, "arm"))
     watch.trip("it moves at 9.00")
     assert lost == ["arm"]
+
+
+def test_the_reason_of_the_watch_wins_over_a_later_refusal() -> None:
+    """A driver that goes on, as its power was taken, refuses what waited."""
+
+    class Hanging(Door):
+        def __init__(self) -> None:
+            """It leads to a driver that stands still until it was to be held."""
+
+        @override
+        def call(self, name: str, *arguments: Any, within: float = 0.0) -> Any:
+            if name == "submit":
+                raise Refused("servo_jp: its stamp is 2.0 s old", "TOO_OLD")
+            raise DoorClosed(f"{name}: no answer in 2 s")
+
+        @override
+        def close(self) -> None:
+            """It holds nothing."""
+
+    def refused(bed: Bed) -> None:
+        eventually(lambda: watch.tripped)
+        door.submit("servo_jp")
+
+    door = Hanging()
+    watch = Watch(door, ABOUT, None, StopRequest())
+    bed = Bed("arm", ABOUT, door, watch, 1.0)
+    watch.start()
+    with pytest.raises(Tripped, match="glance: no answer in 2 s"):
+        conductor.carry_out(replace(SINES, run=refused), bed, watch)
+    watch.close()
 
 
 def test_an_answer_that_nobody_waited_for_is_not_taken_for_the_next(tmp_path: Path) -> None:

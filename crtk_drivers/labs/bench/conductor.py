@@ -233,8 +233,7 @@ class _Conductor:
                     operator = host if host.order.sim else Person(self._tell, device)
                 bed = self._bed(host, watch, processes, carrier, operator)
                 kept = bed.kept
-                acquisition.run(bed)
-                bed.check()
+                carry_out(acquisition, bed, watch)
         except Tripped as error:
             trouble = f"{error}{host.stopped_told()}"
             broken = moves and not self._stop.is_set()
@@ -312,6 +311,22 @@ class _Conductor:
     def _tell(self, message: object) -> None:
         with self._telling:  # a watch tells what is lost
             self._parent.send(message)
+
+
+def carry_out(acquisition: Acquisition, bed: Bed, watch: Watch) -> None:
+    """Carry out an acquisition to its end.
+
+    Raises:
+        Tripped: the watch has stopped the device; what the device refuses after that has this reason, too.
+        CrtkError: it failed otherwise.
+    """
+    try:
+        acquisition.run(bed)
+        bed.check()
+    except CrtkError as error:
+        if watch.tripped:
+            raise Tripped(watch.tripped) from error
+        raise
 
 
 class _Hosted:
