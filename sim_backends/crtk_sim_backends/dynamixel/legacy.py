@@ -2,7 +2,8 @@
 
 Source: e-manual, control tables of AX-12A, MX-28/MX-64 (1.0) and XL-320. A joint has joint mode and wheel
 mode (both angle limits 0; XL-320: Control Mode 1), MX multi-turn mode too (both 4095). As a wheel an MX keeps
-a speed, and the others a share of their output.
+a speed, and the others a share of their output. MX-64 and MX-106 exert Goal Torque, and heed no goal position
+and no speed, while Torque Control Mode Enable (70) is 1.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ XL320_BITS: Final = {OVERLOAD: 0, OVERHEAT: 1, VOLTAGE: 2}
 """Bits of Hardware Error Status (50) and Shutdown (18) of the XL-320."""
 
 XL320_BAUD_RATES: Final = (9600, 57_600, 115_200, 1_000_000)
+
+_TORQUE_MODE: Final = ("torque_control_mode_enable", "goal_torque")
+_TORQUE_UNIT: Final = 0.0045  # A, of Goal Torque (71)
 
 _FOREIGN_BITS: Final = {0: VOLTAGE, 2: OVERHEAT, 5: OVERLOAD}
 
@@ -74,6 +78,8 @@ class LegacyServo(Servo):
 
     @property
     def _mode(self) -> Mode:
+        if self.get("torque_control_mode_enable"):
+            return Mode.CURRENT
         limits = self["cw_angle_limit"], self["ccw_angle_limit"]
         is_wheel = self["control_mode"] == 1 if self._is_xl320 else limits == (0, 0)
         if is_wheel:
@@ -150,7 +156,7 @@ class LegacyServo(Servo):
             self["hardware_error_status"] |= 1 << XL320_BITS[own]
         self._errors |= 1 << (XL320_BITS[own] if self._is_xl320 else own)
         if self["shutdown"] & self._errors:
-            self["torque_enable"] = 0
+            self["torque_enable"] = self["torque_limit"] = 0
             self.drive.switch(None, self.joint.time)
 
     # Writes
@@ -166,7 +172,12 @@ class LegacyServo(Servo):
     def written(self, name: str, time: float) -> None:
         if name == "torque_enable" and not self.torque_enabled:
             self.drive.switch(None, time)
-        elif name in ("goal_position", "moving_speed", "torque_enable", "torque_limit"):
+        elif name in _TORQUE_MODE and not self.torque_enabled:
+            pass  # nobody says that these turn torque on
+        elif name in (
+            *("goal_position", "moving_speed", "torque_enable", "torque_limit"),
+            *_TORQUE_MODE,
+        ):
             if not self["shutdown"] & self._errors:
                 self._pursue(time, name)
             else:
@@ -180,12 +191,16 @@ class LegacyServo(Servo):
             drive.switch(mode, time)
         drive.torque_limit = self.model.torque * self["torque_limit"] / 1023
         speed = self["moving_speed"]
-        if mode is Mode.VELOCITY:
+        if mode is Mode.CURRENT:
+            torque = self["goal_torque"]
+            amperes = (-1 if torque & 0x400 else 1) * (torque & 0x3FF) * _TORQUE_UNIT
+            drive.push(amperes * self.model.torque / self.model.amperes)
+        elif mode is Mode.VELOCITY:
             way = -1 if speed & 0x400 else 1
             drive.turn(way * (speed & 0x3FF) * units.velocity, self._acceleration, time)
         elif mode is Mode.PWM:
             drive.push((-1 if speed & 0x400 else 1) * (speed & 0x3FF) / 1023)
-        elif name in ("goal_position", "moving_speed"):
+        elif name in ("goal_position", "moving_speed", "torque_control_mode_enable"):
             position, velocity, _ = drive.trajectory(time)
             goal = (self["goal_position"] - units.zero - self._turns) * units.position
             limit = (speed & 0x3FF) * units.velocity

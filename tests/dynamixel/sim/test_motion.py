@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from crtk_sim_backends.dynamixel.bus import make_servos
 from crtk_sim_backends.dynamixel.config import parse_servos
+from crtk_sim_backends.dynamixel.legacy import OVERLOAD
 from crtk_sim_backends.dynamixel.modern import ModernServo
 from crtk_sim_backends.dynamixel.packets import Code, Error
 from crtk_sim_backends.dynamixel.profile import (
@@ -451,3 +452,24 @@ def test_errors_of_protocol_1_are_bits_and_take_torque() -> None:
     assert servo["torque_enable"] == 0
     put(servo, "goal_position", 600, 0.3)
     assert servo["torque_enable"] == 0
+
+
+def test_an_mx_in_torque_mode_heeds_no_goal() -> None:
+    servo = legacy_servo("1:mx-64-1.0")
+    put(servo, "torque_control_mode_enable", 1, 0.1)
+    put(servo, "goal_torque", 0x400 + 200, 0.1)
+    assert servo["torque_enable"] == 0, "neither turns torque on"
+    put(servo, "torque_enable", 1, 0.1)
+    put(servo, "goal_position", 3000, 0.2)
+    servo.refresh(0.6)
+    assert servo["present_speed"] > 0x400 + 100
+    put(servo, "torque_control_mode_enable", 0, 0.6)
+    servo.refresh(3.0)
+    assert servo["present_position"] == pytest.approx(3000, abs=1)
+
+
+def test_a_shutdown_takes_the_torque_limit() -> None:
+    servo = legacy_servo("1:ax-12a")
+    put(servo, "torque_enable", 1, 0.1)
+    servo.force_error(OVERLOAD)
+    assert (servo["torque_enable"], servo["torque_limit"]) == (0, 0)
