@@ -12,7 +12,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.control_tables import POSITION, Item, control_table
 from crtk_driver_dynamixel.groups import GroupWrite
 from crtk_driver_dynamixel.joints import Chain, ChainServo
-from crtk_driver_dynamixel.models import GOALS, PROTOCOL_1_ERRORS, model_numbered
+from crtk_driver_dynamixel.models import GOALS, model_numbered
 from crtk_driver_dynamixel.placement import Placement
 from crtk_driver_dynamixel.protocols import PROTOCOLS
 from crtk_driver_dynamixel.readings import HEALTH, MEASURED, SLOW, Frame, Health, Silences
@@ -60,13 +60,29 @@ GroupKey = tuple[str, int, int, int]
 """Bus, protocol, address, length."""
 
 
+class _GoalWrite(NamedTuple):
+    """A group write of goals.
+
+    Attributes:
+        write: of one register of some servos.
+        members: of these servos among those of the register.
+        item: the register.
+        is_older: some of them may be sent goals only at times; see `ChainLink.takes_goals`.
+    """
+
+    write: GroupWrite
+    members: NDArray[np.int64]
+    item: Item
+    is_older: bool
+
+
 @dataclass(slots=True)
 class _Prepared:
     """What is prepared for the cycles of an open chain."""
 
     measured: BlockReads
     slow: RoundRobin[BlockReads]
-    goals: dict[str, list[tuple[GroupWrite, NDArray[np.int64], Item]]] = field(default_factory=dict)
+    goals: dict[str, list[_GoalWrite]] = field(default_factory=dict)
 
 
 class ServoMute(DeviceError):
@@ -214,6 +230,15 @@ class ChainLink:
     def answers(self, place: int) -> bool:
         """Whether a servo answered in the last cycle."""
         return self.frame is not None and bool(self.frame.valid[place])
+
+    def takes_goals(self, place: int) -> bool:
+        """Whether a servo may be sent a goal: without torque, an older one would take it and turn there.
+
+        It may have lost its power, and have fallen, as long as it is not heard.
+        """
+        if not self.chain.servos[place].units.model.family.is_older:
+            return True
+        return self.answers(place) and self.health[place].torque is True
 
     def rests(self, place: int) -> bool:
         """Whether a servo was seen to stand in the last cycle."""
@@ -389,7 +414,10 @@ class ChainLink:
         self.silences.broken(valid)
         self.silences.go_on(np.flatnonzero(~valid), began, ended)
         # A servo that was without power says so by its registers, before it is sent anything.
-        self.read_health(np.flatnonzero(valid & (before.seen < middle - GAP)).tolist())
+        back = np.flatnonzero(valid & (before.seen < middle - GAP)).tolist()
+        for place in back:
+            self.health[place].torque = None
+        self.read_health(back)
         slow = prepared.slow.due(ended)
         if slow is not None:
             self._read_slow(slow)
@@ -520,12 +548,15 @@ class ChainLink:
         writes = self._prepared.goals.get(key)
         if writes is None:
             writes = self._prepared.goals[key] = list(self._goal_writes(name, places))
-        for write, index, item in writes:
+        for write, index, item, is_older in writes:
+            if is_older:
+                taking = [i for i in index.tolist() if self.takes_goals(places[i])]
+                if len(taking) < len(index):
+                    self.write_values({places[i]: {name: int(counts[i])} for i in taking})
+                    continue
             write.run(encoded(counts[index], item.coding).astype(f"<i{item.size}").tobytes())
 
-    def _goal_writes(
-        self, name: str, places: Sequence[int]
-    ) -> Iterator[tuple[GroupWrite, NDArray[np.int64], Item]]:
+    def _goal_writes(self, name: str, places: Sequence[int]) -> Iterator[_GoalWrite]:
         by_item: dict[tuple[str, int, Item], list[int]] = defaultdict(list)
         for index, place in enumerate(places):
             state = self.states[place]
@@ -533,7 +564,10 @@ class ChainLink:
         for (bus, _, item), members in by_item.items():
             ids = [self.states[places[index]].servo.id for index in members]
             write = self._buses[bus].write_group(ids, item.address, item.size)
-            yield write, np.array(members), item
+            is_older = any(
+                self.states[places[i]].servo.units.model.family.is_older for i in members
+            )
+            yield _GoalWrite(write, np.array(members), item, is_older)
 
     def reboot(self, place: int) -> None:
         """Restart a servo; it takes some tenths of a second to answer again."""
@@ -572,8 +606,8 @@ class ChainLink:
 
 
 def _health(servo: ChainServo) -> Health:
-    bits = PROTOCOL_1_ERRORS if servo.protocol == 1 else servo.units.model.errors
-    return Health(protocol=servo.protocol, errors=bits)
+    model = servo.units.model
+    return Health(protocol=model.family.protocol, errors=model.errors)
 
 
 def lost(where: str) -> ConnectionLost:

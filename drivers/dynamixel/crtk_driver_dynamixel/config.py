@@ -141,7 +141,7 @@ class ServoConfig(Settings):
         gt=0.0,
         le=1.0,
         description="Most voltage that it is asked for, as part of the supply; what its register allows if "
-        "null.",
+        "null. Of AX, RX, MX(1.0) and XL-320 the Torque Limit.",
     )
     pwm_effort: bool = Field(
         default=False,
@@ -152,7 +152,8 @@ class ServoConfig(Settings):
         default=0.0,
         ge=0.0,
         le=100.0,
-        description="The servo's own profile towards each position, in rad/s of the joint; 0: none.",
+        description="The servo's own profile towards each position, in rad/s of the joint; 0: none. Of AX, "
+        "RX, MX(1.0) and XL-320 the Moving Speed.",
     )
     profile_acceleration: float = Field(
         default=0.0, ge=0.0, le=12_000.0, description="The same, in rad/s² of the joint; 0: none."
@@ -190,6 +191,8 @@ class ServoConfig(Settings):
         if self.operating_mode not in model.modes:
             modes = [name for name, mode in OPERATING_MODES.items() if mode in model.modes]
             raise ValueError(f"mode: {model.name} has no {self.mode}, but {', '.join(modes)}")
+        if model.family.is_older:
+            self._check_older(model)
         for key in ("torque_constant", "current_limit"):
             if getattr(self, key) is not None and not model.reports_current:
                 raise ValueError(f"{key}: {model.name} measures no current, only a load")
@@ -204,6 +207,7 @@ class ServoConfig(Settings):
                 raise ValueError(
                     f"shadows: {shadow.model} and {model.name} count in different units"
                 )
+            self._check_shadow(shadow, model_named(shadow.model) if shadow.model else model)
             if shadow.follow == "secondary_id" and shadow.sign != self.sign:
                 raise ValueError(
                     f"shadows: servo {shadow.id} takes the goals of servo {self.id}, so it must count as "
@@ -211,6 +215,27 @@ class ServoConfig(Settings):
                     "other"
                 )
         return self
+
+    def _check_older(self, model: Model) -> None:
+        """Refuse what the registers of the older servos do not have: it would be left out, unnoticed."""
+        for key, other in (
+            ("gains", "set them with a tool of your own"),
+            ("profile_acceleration", "leave it out"),
+        ):
+            if getattr(self, key) != type(self).model_fields[key].default:
+                raise ValueError(f"{key}: {model.name} has no such registers here: {other}")
+        if self.reverse and not model.has_drive_mode:
+            raise ValueError(f"reverse: {model.name} has no Drive Mode: set sign to {-self.sign}")
+
+    @staticmethod
+    def _check_shadow(shadow: ShadowConfig, model: Model) -> None:
+        place = f"shadows: servo {shadow.id}, a {model.name},"
+        if shadow.reverse and not model.has_drive_mode:
+            raise ValueError(f"{place} has no Drive Mode: leave reverse out, and change its sign")
+        if shadow.follow == "secondary_id" and model.family.is_older:
+            raise ValueError(f"{place} has no Secondary ID: set follow to goals")
+        if shadow.follow == "cable" and not model.has_cable:
+            raise ValueError(f"{place} has no synchronisation cable: set follow to goals")
 
     def _check_pwm_effort(self) -> None:
         for name in (self.model, *(shadow.model for shadow in self.shadows if shadow.model)):

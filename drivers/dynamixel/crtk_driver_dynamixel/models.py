@@ -63,14 +63,16 @@ class Family:
         turns: counts from zero to either end of the range in the modes of several turns; 0: no such mode.
         velocity_unit: rad/s.
         acceleration_unit: rad/s²; NaN if the series has no profiles.
-        highest_profile: greatest count of Profile Velocity and Profile Acceleration.
-        full_pwm: count of 100 %; 0 if it takes no PWM.
+        highest_profile: greatest count of Profile Velocity and Profile Acceleration, or of Moving Speed.
+        full_pwm: count of 100 %, of PWM or of Torque Limit.
         homing_limit: largest homing offset that position mode takes, in counts; 0 if there is no such
             register or its limits are not known.
         fast_read_since: first firmware with fast sync and fast bulk read; None: never.
         restarts: whether it knows the instruction Reboot.
         has_watchdog: whether it has the register Bus Watchdog.
         joint_mode: what its Control Mode (11) must hold; None if it has no such register.
+        is_older: it has the registers of the older servos: Moving Speed and Torque Limit, and no drive mode,
+            secondary id or profiles. It takes torque by itself when it is sent a goal.
     """
 
     name: str
@@ -91,6 +93,12 @@ class Family:
     restarts: bool = True
     has_watchdog: bool = True
     joint_mode: int | None = None
+    is_older: bool = False
+
+    @property
+    def has_dead_zone(self) -> bool:
+        """Whether it measures less than a whole turn: beyond, it tells one of the ends."""
+        return self.counts * self.position_unit < 0.9 * TURN
 
     def homing_in_force(self, offset: int) -> int:
         """Return what a homing offset adds to positions in position mode, in counts: 0 beyond its limit."""
@@ -150,11 +158,12 @@ def _joint_and_wheel(name: str, counts: int, unit: float, velocity: float, turns
         turns=turns,
         velocity_unit=velocity * RPM,
         acceleration_unit=math.nan,
-        highest_profile=0,
-        full_pwm=0,
+        highest_profile=1023,
+        full_pwm=1023,
         homing_limit=0,
         fast_read_since=None,
         has_watchdog=False,
+        is_older=True,
     )
 
 
@@ -205,6 +214,16 @@ class Model:
     def takes_torque_by_pwm(self) -> bool:
         """Whether a torque can be made of voltages, where there is no current mode."""
         return OperatingMode.PWM in self.modes and not math.isnan(self.stall_voltage)
+
+    @property
+    def has_drive_mode(self) -> bool:
+        """Whether it can count the other way."""
+        return not self.family.is_older or self.name == "mx-106-1.0"
+
+    @property
+    def has_cable(self) -> bool:
+        """Whether it has the synchronisation cable of two servos on one joint."""
+        return "540" in self.name or "mx-106" in self.name
 
     @property
     def reports_current(self) -> bool:

@@ -19,7 +19,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig
 from crtk_driver_dynamixel.confirmed import make_sure, stubborn, wrong
 from crtk_driver_dynamixel.models import GOALS, OperatingMode
 from crtk_driver_dynamixel.preparation import ATTEMPTS
-from crtk_driver_dynamixel.servo_state import KEPT, encoder_turn, position_limits
+from crtk_driver_dynamixel.servo_state import KEPT, Values, encoder_turn, position_limits
 from crtk_drivers.commands import Kind
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import DeviceFault, raise_first
@@ -29,8 +29,25 @@ BY_HAND: Final = (
     "already, it was turned over the end of its encoder's turn: switch its supply off and on."
 )
 
+WHEEL: Final = 1
+"""Control Mode (11) of an XL-320 that turns on and on."""
+
 NEAR: Final = 512
 """Counts from the end of a turn within which a servo that is not held may cross it."""
+
+
+_MOVING: Final = frozenset({"goal_position", "goal_velocity"})
+"""What torque and other servos may change."""
+
+LEVEL_AT_START: Final = 2
+"""Status Return Level of a servo that was switched on."""
+
+_BOUNDS: Final = (
+    ("goal_pwm", "pwm_limit"),
+    ("goal_current", "current_limit"),
+    ("torque_limit", "max_torque"),
+)
+"""Registers in RAM that bound what a servo does, and those in EEPROM that bound them."""
 
 
 class Modes:
@@ -66,6 +83,16 @@ class Modes:
         """Return the register that setpoints of a kind go to."""
         return GOALS.get(self.mode(place, kind), "goal_position")
 
+    def stop_register(self, place: int) -> str | None:
+        """Return the register that stops a servo by 0; None where a goal position holds it."""
+        values = self._link.states[place].values
+        if values.get("torque_control_mode_enable"):
+            return "goal_torque"
+        is_wheel = values.get("cw_angle_limit") == values.get("ccw_angle_limit") == 0
+        if is_wheel or values.get("control_mode") == WHEEL:
+            return "moving_speed"
+        return GOALS.get(self.present(place))
+
     def switch(self, kind: Kind, places: Sequence[int]) -> Steps:
         """Bring servos into the mode for a kind of setpoints, holding still, with torque.
 
@@ -84,11 +111,13 @@ class Modes:
             yield from make_sure(link, {place: {"torque_enable": 0} for place in changing})
             yield from make_sure(link, changing)
         waiting, differing, goals = list(places), dict[int, list[str]](), dict[int, int]()
+        written: dict[int, Values] = {}
         for _ in range(ATTEMPTS):
             here = link.read_positions(waiting)
             goals |= here
             self._check_counts(before, here)
             wanted = {place: self._still(place, kind, count) for place, count in here.items()}
+            written |= wanted
             link.write_values(wanted)
             differing = wrong(link, wanted)
             held = [place for place in wanted if place not in differing]
@@ -104,6 +133,7 @@ class Modes:
         yield
         yield from make_sure(link, {p: {"torque_enable": 1} for p in places}, written=True)
         self._check_goals(kind, goals, places)
+        yield from self._check_written(written)
         for place in places:
             link.health[place].torque = True
 
@@ -117,12 +147,18 @@ class Modes:
         """
         found = [
             f"{self._link.chain.servos[place].place} stands at count {count}, outside its own limits "
-            f"{low} to {high}"
+            f"{low} to {high}{self._dead_zone(place)}"
             for place, count, low, high in self._in_one_turn(counts)
             if not low <= count <= high
         ]
         if found:
             yield DeviceFault("; ".join(found), where=self._link.address, remedy=BY_HAND)
+
+    def _dead_zone(self, place: int) -> str:
+        has_one = self._link.chain.servos[place].units.model.family.has_dead_zone
+        return (
+            ": at an end of its 300° it measures nothing, and may be far beyond" if has_one else ""
+        )
 
     def near_the_end(self, places: Sequence[int]) -> bool:
         """Whether a servo is less than an eighth of a turn from the end of the turn, or beyond."""
@@ -151,7 +187,9 @@ class Modes:
         family = self._link.chain.servos[place].units.model.family
         least, most = position_limits(values, family)
         first, last = encoder_turn(values, family)
-        return max(least, first), min(most, last)
+        # At an end of what is measured it may as well be beyond, where it would turn back.
+        beside = 1 if family.has_dead_zone else 0
+        return max(least, first + beside), min(most, last - beside)
 
     def _check_goals(self, kind: Kind, goals: Mapping[int, int], places: Sequence[int]) -> None:
         """Make sure that servos with torque are where their goals are; take it away from those that are not.
@@ -178,6 +216,53 @@ class Modes:
                 remedy="Its torque was taken away again. Switch its supply off and on, look where the joint "
                 "is, and enable again.",
             )
+
+    def _check_written(self, written: Mapping[int, Values]) -> Steps:
+        """Make sure that servos were not reset since they were written to, where nothing else tells.
+
+        Torque takes current: a weak supply dips at that moment. A servo that comes back is given torque all
+        the same, without its limits and its profile.
+
+        Raises:
+            DeviceFault: one was.
+        """
+        link = self._link
+        waiting = {
+            place: {name: value for name, value in values.items() if name not in _MOVING}
+            for place, values in written.items()
+            if not self._tells_of_a_reset(place)
+        }
+        for _ in range(ATTEMPTS):
+            if not waiting:
+                return
+            names = sorted({name for values in waiting.values() for name in values})
+            read = link.read_values(waiting, names)
+            lost = {
+                place: [n for n, value in waiting[place].items() if found.get(n) != value]
+                for place, found in read.items()
+            }
+            lost = {place: differing for place, differing in lost.items() if differing}
+            if lost:
+                link.write_values({place: {"torque_enable": 0} for place in lost})
+                raise DeviceFault(
+                    "; ".join(
+                        f"{link.chain.servos[place].place} was reset as it got torque: {', '.join(names)}"
+                        for place, names in lost.items()
+                    ),
+                    where=link.address,
+                    remedy="Its torque was taken away again. Is its supply strong enough? Look where the "
+                    "joint is, and enable again.",
+                )
+            waiting = {place: values for place, values in waiting.items() if place not in read}
+            yield
+        raise stubborn(link, {place: ["no answer"] for place in waiting})
+
+    def _tells_of_a_reset(self, place: int) -> bool:
+        """Whether what is read of a servo now and then shows that it was reset."""
+        state = self._link.states[place]
+        level = state.values.get("status_return_level")
+        in_ram = state.has("status_return_level") and not state.table["status_return_level"].eeprom
+        return bool(state.values.get("bus_watchdog")) or (in_ram and level != LEVEL_AT_START)
 
     def _check_counts(self, before: Mapping[int, int], here: Mapping[int, int]) -> None:
         """Make sure that servos count as before.
@@ -208,7 +293,7 @@ class Modes:
         wanted: dict[str, int] = {n: state.values[n] for n in KEPT if n in state.values}
         settings = registers.ram(servo, state.table, self._config, state.values)
         wanted |= {s.item.name: s.value for s in settings if not s.item.eeprom}
-        for bound, limit in (("goal_pwm", "pwm_limit"), ("goal_current", "current_limit")):
+        for bound, limit in _BOUNDS:
             if limit in state.values and state.has(bound):
                 # What it was before, by another configuration or mode, would bound the other modes.
                 _, most = state.table.item(bound).range

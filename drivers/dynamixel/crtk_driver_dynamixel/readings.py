@@ -108,7 +108,7 @@ class Health:
     """What is known of one servo besides its motion.
 
     Attributes:
-        protocol: of the servo.
+        protocol: of its model: 1 if a status is all that tells its errors.
         errors: what the bits of `hardware_error` mean.
         hardware_error: bits of Hardware Error Status (70); of every status in protocol 1.0.
         torque: whether Torque Enable (64) is on; None if not known.

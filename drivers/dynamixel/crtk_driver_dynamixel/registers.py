@@ -94,7 +94,8 @@ def ram(
     """Return what should be in the RAM of a servo: after power-on, reboot and every change of mode.
 
     Args:
-        read: registers that were read, by name; current_limit and pwm_limit bound what is asked for.
+        read: registers that were read, by name; current_limit, pwm_limit and max_torque bound what is asked
+            for.
     """
     known = {} if read is None else read
     own = servo.config
@@ -106,6 +107,11 @@ def ram(
         ("profile_velocity", _profile(servo, own.profile_velocity, "velocity"), None),
         ("goal_current", _bounded(servo.current_limit, known.get("current_limit")), None),
         ("goal_pwm", _bounded(servo.pwm_limit, known.get("pwm_limit")), None),
+        # What another program left in older servos would make them crawl, or push on and on.
+        ("moving_speed", _profile(servo, own.profile_velocity, "velocity"), None),
+        ("torque_limit", _bounded(servo.pwm_limit, known.get("max_torque")), None),
+        ("torque_control_mode_enable", 0, None),
+        ("goal_acceleration", 0, None),
     ]
     return tuple(_settings(table, wanted))
 

@@ -39,6 +39,7 @@ _FOUND: Final = (
     "status_return_level",
     "temperature_limit",
     "pwm_limit",
+    "max_torque",
     "current_limit",
     "velocity_limit",
     "max_position_limit",
@@ -47,6 +48,7 @@ _FOUND: Final = (
     "torque_enable",
     "hardware_error_status",
     "bus_watchdog",
+    "torque_control_mode_enable",
     *KEPT,
 )
 """What is read of a servo when it is found."""

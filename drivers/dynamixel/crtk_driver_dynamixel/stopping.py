@@ -14,7 +14,7 @@ from typing import Final
 
 from crtk_driver_dynamixel.chain_link import ChainLink
 from crtk_driver_dynamixel.joints import ChainServo
-from crtk_driver_dynamixel.models import GOALS, OperatingMode
+from crtk_driver_dynamixel.models import GOALS
 from crtk_driver_dynamixel.modes import Modes
 from crtk_driver_dynamixel.servo_state import Values
 
@@ -50,7 +50,9 @@ class Stopping:
         Args:
             held: goals by the place of servos in a mode for positions; others of them are told nothing.
         """
-        self._link.write_values(self._wanted(places, held or {}))
+        wanted = self._wanted(places, held or {})
+        taking = {place: goals for place, goals in wanted.items() if self._link.takes_goals(place)}
+        self._link.write_values(taking)
 
     def write_from_outside(self) -> None:
         """Tell servos with velocities or efforts to stop, from another thread than the I/O thread."""
@@ -105,7 +107,7 @@ class Stopping:
         """Return the goals at which servos stop, in the mode that each is in."""
         wanted: dict[int, Values] = {}
         for place in places:
-            register = GOALS.get(self._modes.present(place))
+            register = self._modes.stop_register(place)
             if self._link.chain.servos[place].follow == "cable":
                 continue  # it has no goals
             if register is not None:
@@ -123,10 +125,16 @@ class Stopping:
         has_goal = all(read.get(name) == value for name, value in wanted.get(place, {}).items())
         if not has_goal and read.get("bus_watchdog", 0) >= 0:
             return False
-        return self._modes.present(place) is not OperatingMode.VELOCITY or self._link.rests(place)
+        return self._modes.stop_register(place) not in _TURNING or self._link.rests(place)
 
 
-_READ: Final = ("torque_enable", "bus_watchdog", *GOALS.values(), "goal_position")
+_TURNING: Final = ("goal_velocity", "moving_speed", "goal_torque")
+"""Registers that stop a servo some time after they hold 0."""
+
+_READ: Final = (
+    *("torque_enable", "bus_watchdog", "goal_position"),
+    *dict.fromkeys((*GOALS.values(), *_TURNING)),
+)
 
 
 def _has_torque(read: Values) -> bool:

@@ -201,6 +201,13 @@ class Servo:
             return family.lowest + max(0, self.homing), family.highest + min(0, self.homing)
         return -family.turns, family.turns
 
+    @property
+    def goals(self) -> tuple[int, int]:
+        """Least and greatest count that it is sent: not the ends beyond which it measures nothing."""
+        least, most = self.goal_range
+        beside = 1 if self.model.family.has_dead_zone else 0
+        return least + beside, most - beside
+
     def position(self, count: float) -> float:
         """Return the position of the joint at a count, in rad."""
         family = self.model.family
@@ -250,7 +257,7 @@ class Scaling:
         families = [servo.model.family for servo in servos]
         sign = np.array([float(servo.sign) for servo in servos])
         gear = np.array([servo.gear for servo in servos])
-        ranges = [servo.goal_range for servo in servos]
+        ranges = [servo.goals for servo in servos]
         currents = np.array([float(servo.model.current_limit or 2047) for servo in servos])
         unit = np.array([servo.model.current_unit for servo in servos])
         constant = np.array([servo.torque_constant for servo in servos])

@@ -124,6 +124,27 @@ def test_values_of_one_joint_can_be_set_alone() -> None:
             {"model": "mx-28", "protocol": 1, "pwm_effort": True},
             r"elbow: pwm_effort: mx-28 has no PWM mode here",
         ),
+        ({"model": "ax-12a", "gains": {"position_p": 10}}, r"elbow: gains: ax-12a has no such"),
+        (
+            {"model": "mx-28-1.0", "profile_acceleration": 1.0},
+            r"elbow: profile_acceleration: mx-28-1.0 has no such",
+        ),
+        (
+            {"model": "xl-320", "reverse": True},
+            r"elbow: reverse: xl-320 has no Drive Mode: set sign to -1",
+        ),
+        (
+            {"model": "ax-12a", "shadows": [{"id": 2, "sign": 1, "reverse": True}]},
+            r"elbow: shadows: servo 2, a ax-12a, has no Drive Mode: leave reverse out, and change",
+        ),
+        (
+            {"model": "ax-12a", "shadows": [{"id": 2, "sign": 1, "follow": "secondary_id"}]},
+            r"elbow: shadows: servo 2, a ax-12a, has no Secondary ID: set follow to goals",
+        ),
+        (
+            {"shadows": [{"id": 2, "sign": 1, "follow": "cable"}]},
+            r"elbow: shadows: servo 2, a xm430-w350, has no synchronisation cable",
+        ),
         ({"model": "xw430-t200", "effort": 1.0}, r"elbow: velocity: give a limit, none is known"),
         ({"shadows": [{"id": 2}]}, r"joints.elbow.shadows\[0\].sign: is required"),
         (
