@@ -15,7 +15,7 @@ from typing import Final
 
 from crtk_driver_dynamixel import registers
 from crtk_driver_dynamixel.chain_link import ChainLink
-from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.config import DynamixelConfig, JointConfig
 from crtk_driver_dynamixel.confirmed import make_sure, stubborn, wrong
 from crtk_driver_dynamixel.models import GOALS, OperatingMode
 from crtk_driver_dynamixel.preparation import ATTEMPTS
@@ -31,6 +31,9 @@ BY_HAND: Final = (
 
 WHEEL: Final = 1
 """Control Mode (11) of an XL-320 that turns on and on."""
+
+APART: Final = 0.1
+"""rad by which two servos of a gripper may disagree; those of a joint by its `arrival`."""
 
 NEAR: Final = 512
 """Counts from the end of a turn within which a servo that is not held may cross it."""
@@ -154,6 +157,33 @@ class Modes:
         if found:
             yield DeviceFault("; ".join(found), where=self._link.address, remedy=BY_HAND)
 
+    def apart(self, counts: Mapping[int, int]) -> Iterator[DeviceFault]:
+        """Yield which servos of one joint disagree: with the first setpoint they would turn on each other.
+
+        Args:
+            counts: where each is, by place.
+        """
+        servos = self._link.chain.servos
+        at = {
+            place: servos[place].units.position(count - self._ignored_homing(place))
+            for place, count in counts.items()
+            if servos[place].follow != "cable"
+        }
+        firsts = {servos[place].joint: place for place in at if servos[place].is_first}
+        for place, position in at.items():
+            first = firsts.get(servos[place].joint, place)
+            own = servos[place].config
+            allowed = own.arrival if isinstance(own, JointConfig) else APART
+            if abs(position - at[first]) <= allowed:
+                continue
+            yield DeviceFault(
+                f"{servos[place].place} is at {position:.3f} rad, and servo {servos[first].id} of this joint "
+                f"at {at[first]:.3f}: they would turn against each other",
+                where=self._link.address,
+                remedy="Correct sign, offset or reverse of one of them, or calibrate both together: "
+                "crtk-driver dynamixel calibrate.",
+            )
+
     def _dead_zone(self, place: int) -> str:
         has_one = self._link.chain.servos[place].units.model.family.has_dead_zone
         return (
@@ -175,7 +205,8 @@ class Modes:
 
     def _ignored_homing(self, place: int) -> int:
         """Return what the homing offset adds to positions now, and not in position mode."""
-        if self.present(place) is OperatingMode.POSITION:
+        wanted, present = self.mode(place, Kind.POSITION), self.present(place)
+        if wanted is not OperatingMode.POSITION or present is OperatingMode.POSITION:
             return 0
         state = self._link.states[place]
         offset = state.values.get("homing_offset", 0)

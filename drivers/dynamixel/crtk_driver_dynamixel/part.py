@@ -311,7 +311,9 @@ class Part:
             yield from self._hold_here(back)
 
     def _hold_here(self, places: Sequence[int]) -> Steps:
-        raise_first(self._modes.beyond(self._link.read_positions(places)))
+        counts = self._link.read_positions(places)
+        raise_first(self._modes.beyond(counts))
+        raise_first(self._modes.apart(counts))
         yield from self._switch(Kind.POSITION, places)
 
     def _rest_by_velocity(self, places: Sequence[int]) -> Steps:
@@ -358,7 +360,9 @@ class Part:
         yield from obstacles(link, wanted, self._config)
         # With what is to be written into these, a servo counts otherwise.
         counted = [place for place in heard if not COUNTING & wanted[place].keys()]
-        yield from self._modes.beyond({place: int(frame.position[place]) for place in counted})
+        counts = {place: int(frame.position[place]) for place in counted}
+        yield from self._modes.beyond(counts)
+        yield from self._modes.apart(counts)
 
     def enable(self) -> Steps:
         """Restart servos with errors, set all up, and hold them where they are.
@@ -379,7 +383,9 @@ class Part:
         yield from recover(link, places)
         yield from set_up(link, places, self._config)
         self._tell_limits()
-        raise_first(self._modes.beyond(link.read_positions(places)))
+        counts = link.read_positions(places)
+        raise_first(self._modes.beyond(counts))
+        raise_first(self._modes.apart(counts))
         self._armed = True
         tripped = [place for place in places if link.health[place].tripped]
         yield from make_sure(link, {p: {"bus_watchdog": 0} for p in tripped})

@@ -14,7 +14,7 @@ from crtk_driver_dynamixel.gripper import SliderCrank
 from crtk_drivers.commands import Kind
 from crtk_drivers.config import from_values, load
 from crtk_drivers.device import Mode
-from crtk_drivers.errors import ConnectionFailed, TransitionFailed
+from crtk_drivers.errors import ConnectionFailed, CrtkError, TransitionFailed
 from crtk_drivers.session import Session
 from rigs.dynamixel_bench import (
     BOOT_TIME,
@@ -182,6 +182,30 @@ def test_shadows_with_goals_of_their_own():
         )
         bench.sim.control.clear()
         eventually(lambda: bench.device.has_stopped, "it is heard again")
+
+
+@pytest.mark.parametrize(
+    "shadow",
+    [
+        pytest.param({"sign": 1, "follow": "goals"}, id="sign"),
+        pytest.param({"sign": -1, "offset": 0.3, "follow": "goals"}, id="offset"),
+        pytest.param({"sign": 1, "follow": "secondary_id", "reverse": False}, id="reverse"),
+    ],
+)
+def test_servos_of_a_joint_that_disagree_are_refused(shadow):
+    """With the first setpoint they would turn against each other."""
+    ends = {"lower": -2.0, "upper": 2.0}
+    lift = {"id": 1, "model": "xm540-w270", **ends, "shadows": [{"id": 2, **shadow}]}
+    values = {**PATIENT, "joints": {"lift": lift}}
+    with dynamixel_bench(values, servos="1:xm540-w270,2:xm540-w270&1") as bench:
+        place(bench.sim, 1, 0.5)
+        bench.cycles(3)
+        text = r"servo 2 on main\) is at .* rad, and servo 1 of this joint at 0.5.*sign, offset or reverse"
+        with bench.nothing_moves():
+            with pytest.raises(CrtkError, match=text):
+                bench.arm.enable(timeout=LONG)
+            bench.cycles(5)
+        assert not any(bench.torques())
 
 
 def test_models_that_report_load_have_no_efforts():
