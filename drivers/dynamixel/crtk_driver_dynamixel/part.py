@@ -376,7 +376,8 @@ class Part:
         self._forget()
         self._sent.forget()
         link, places = self._link, self.places
-        for reason in self._stopping.until_confirmed(self._answering, at_once=False):
+        held = self._on_their_way()
+        for reason in self._stopping.until_confirmed(self._answering, held, at_once=False):
             if reason:
                 raise DeviceFault(reason, where=link.address, remedy=CUT_POWER)
             yield
@@ -396,6 +397,14 @@ class Part:
         end = time.monotonic() + SETTLE_TIME
         while self.silent() and time.monotonic() < end:
             yield  # one that was silent before is read only now and then
+
+    def _on_their_way(self) -> dict[int, int]:
+        """Return where servos are, by place, that another program has left on the way to a position."""
+        return {
+            place: int(self._frame.position[place])
+            for place in self._link.turning(self.places)
+            if self._modes.stop_register(place) is None
+        }
 
     def _tell_limits(self) -> None:
         """Tell, once, which servos would go further by themselves than the configuration lets them."""

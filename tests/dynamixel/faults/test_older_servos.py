@@ -24,7 +24,7 @@ from rigs.dynamixel_bench import (
 )
 
 OLDER = ["ax-12a", "xl-320", "mx-28-1.0"]
-ANGLE_LIMITS, TORQUE, MOVING_SPEED, TORQUE_MODE, GOAL_TORQUE = 6, 24, 32, 70, 71
+ANGLE_LIMITS, TORQUE, GOAL_POSITION, MOVING_SPEED, TORQUE_MODE, GOAL_TORQUE = 6, 24, 30, 32, 70, 71
 PROTOCOL_TYPE = 13
 SHOCK = 4
 FAST = 0.05
@@ -52,7 +52,7 @@ def until_started(sim: Any) -> None:
 
 
 @contextmanager
-def turning(model: str, joint: dict[str, Any]) -> Iterator[Any]:
+def left_turning(model: str, joint: dict[str, Any]) -> Iterator[Any]:
     """A simulated servo that another program has left in motion."""
     with sim_for(joint, servos=f"1:{model},2:{model}", return_delay=0) as sim:
         if model == "mx-64-1.0":
@@ -135,17 +135,31 @@ def test_a_hold_is_not_slowed_by_what_was_left(model: str) -> None:
 @pytest.mark.parametrize("model", ["ax-12a", "mx-28-1.0"])
 def test_a_wheel_stands_once_enable_was_refused(model: str) -> None:
     joint = values(model)
-    with turning(model, joint) as sim, driver_at(sim, joint) as bench:
+    with left_turning(model, joint) as sim, driver_at(sim, joint) as bench:
         assert "joint a (servo 1 on main) turns" in bench.status.detail
         with pytest.raises(TransitionFailed, match="wheel"):
             bench.arm.enable(timeout=LONG)
         assert speed(sim) < FAST
 
 
+def test_a_multi_turn_servo_stands_once_enable_was_refused() -> None:
+    """Its goal is some turns away."""
+    joint = values("mx-28-1.0")
+    with sim_for(joint, return_delay=0) as sim:
+        write(sim, ANGLE_LIMITS, 4095, 4095)
+        write(sim, GOAL_POSITION, 20_000, 200)
+        eventually(lambda: speed(sim) > 1.0, "it turns")
+        with driver_at(sim, joint) as bench:
+            with pytest.raises(TransitionFailed, match="multi-turn"):
+                bench.arm.enable(timeout=LONG)
+            eventually(lambda: speed(sim) < FAST, "it stands")
+            assert sim.control.outputs()["bus1/1"]["angle"] < 20.0, "its goal is at 27.5"
+
+
 def test_a_servo_left_in_torque_mode_is_held() -> None:
     """In it a servo heeds no goal position: it would turn on, with its goals read back."""
     joint = values("mx-64-1.0")
-    with turning("mx-64-1.0", joint) as sim, driver_at(sim, joint) as bench:
+    with left_turning("mx-64-1.0", joint) as sim, driver_at(sim, joint) as bench:
         bench.arm.enable(timeout=LONG)
         with bench.nothing_moves():
             bench.cycles(20)

@@ -43,6 +43,28 @@ def set_up(sim, **values) -> None:
         bench.arm.gripper.disable()
 
 
+def test_a_servo_on_its_way_stands_once_enable_was_refused(sim):
+    """Another program has sent it far, slowly; its torque forbids what enable has to write."""
+
+    def write(address, number, size):
+        sim.control.call("write", id=1, address=address, data=number.to_bytes(size, "little").hex())
+
+    def speed():
+        return abs(sim.control.outputs()["bus1/1"]["velocity"])
+
+    write(10, 4, 1)  # a profile by time
+    write(112, 6000, 4)
+    write(64, 1, 1)
+    write(116, 3900, 4)
+    eventually(lambda: speed() > 0.2, "it turns")
+    with driver_at(sim, arm_values()) as bench:
+        with pytest.raises(TransitionFailed, match="which its torque forbids"):
+            bench.arm.enable(timeout=LONG)
+        eventually(lambda: speed() < 0.05, "it stands")
+        assert sim.control.outputs()["bus1/1"]["angle"] < 2.0, "its goal is at 2.84"
+        bench.arm.disable()
+
+
 def test_connecting_only_reads(sim):
     set_up(sim)
     with driver_at(sim, arm_values(), start=False) as bench, bench.nothing_moves():
