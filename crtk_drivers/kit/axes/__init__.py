@@ -5,7 +5,7 @@ A driver brings a `MotionController`, and `AxesDevice` makes a CRTK device of it
 
 from crtk_drivers.kit.axes.axes_device import AxesDevice, AxesOnClose
 from crtk_drivers.kit.axes.axes_promises import braking_time, following_of, promises
-from crtk_drivers.kit.axes.counting import Counting, can_have_gone
+from crtk_drivers.kit.axes.counting import Counting, can_have_gone, is_astray
 from crtk_drivers.kit.axes.motion_controller import (
     AxisTold,
     Complaint,
@@ -30,5 +30,6 @@ __all__ = [
     "braking_time",
     "can_have_gone",
     "following_of",
+    "is_astray",
     "promises",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
@@ -63,6 +63,7 @@ class AxesDevice(Device):
         self._streams = False
         self._stops_aside = 0
         self._heard = -math.inf  # monotonic s at which what the last sample tells was so
+        self._counts: Sequence[float] = ()  # of it
         self._trouble = self._found = ""
 
     @property
@@ -95,7 +96,7 @@ class AxesDevice(Device):
     @override
     def open(self, deadline: float) -> None:
         self._io = threading.get_ident()
-        self._trouble, self._streams, self._heard = "", False, -math.inf
+        self._trouble, self._streams, self._heard, self._counts = "", False, -math.inf, ()
         self._controller.open(deadline, lambda: self._gives_up)
         self._found = self._found_state()
 
@@ -139,7 +140,7 @@ class AxesDevice(Device):
         if counted is None:
             return None
         stamp, positions, rates, efforts = counted
-        self._heard = stamp.monotonic
+        self._heard, self._counts = stamp.monotonic, positions
         state = self._controller.counting.state(positions, rates, efforts)
         return Sample(stamp, {"measured_js": state})
 
@@ -212,8 +213,25 @@ class AxesDevice(Device):
         where = self._controller.where
         return tuple(
             DeviceFault(text, where=where, remedy=remedy)
-            for text, remedy in self._controller.hindered
+            for text, remedy in (*self._controller.hindered, *self._astray())
         )
+
+    def _astray(self) -> Iterator[Complaint]:
+        """Yield which joints stand where none of their range can: with power, they would go on from there."""
+        controller = self._controller
+        counting = controller.counting
+        astray = counting.astray(self._counts) if self._counts else {}
+        for place, position in astray.items():
+            can_be_homed = place in controller.homes
+            if can_be_homed and not controller.is_homed:
+                continue  # it counts from anywhere
+            again = "Send unhome, enable and home." if can_be_homed else ""
+            yield Complaint(
+                f"joint {counting.names[place]} tells that it is at {position:.6g}, where no joint of its "
+                f"range can stand ({counting.lower[place]:.6g} to {counting.upper[place]:.6g})",
+                "Was it moved over the end of its counter, which has 32 bits? Move it back by hand, or check "
+                f"its encoder, and the offset and range that are configured. {again}".strip(),
+            )
 
     @override
     def enable(self) -> Steps:

@@ -11,12 +11,16 @@ from numpy.typing import ArrayLike
 from crtk_drivers.config import AxisJoint
 from crtk_drivers.samples import JointState, Vector, vector
 
-__all__ = ["Counting", "can_have_gone"]
+__all__ = ["Counting", "can_have_gone", "is_astray"]
 
 FASTER: Final = 10.0
 """Velocities of a joint, as its limit: faster than that nothing moves."""
 SLACK: Final = 0.01
 """Seconds of that which are always allowed."""
+COUNTER: Final = float(2**32)
+"""Counts after which positions are the same again: controllers and drives tell them with 32 bits."""
+FAR: Final = 10.0
+"""Widths of its range outside of which no joint stands."""
 
 
 class Counting:
@@ -47,6 +51,16 @@ class Counting:
         """Return where joints are, (n,) in rad (m)."""
         return vector(np.asarray(counts) * self._scale + self._offset)
 
+    def astray(self, counts: ArrayLike) -> dict[int, float]:
+        """Return the joints that cannot stand where axes tell: places, and positions in rad (m)."""
+        ranges = zip(self.lower.tolist(), self.upper.tolist(), self._scale.tolist(), strict=True)
+        told = zip(self.positions(counts).tolist(), ranges, strict=True)
+        return {
+            place: position
+            for place, (position, its) in enumerate(told)
+            if is_astray(position, *its)
+        }
+
     def counts(self, positions: Vector) -> list[float]:
         """Return where axes are with joints at positions (n,) in rad (m); not rounded."""
         found: list[float] = ((positions - self._offset) / self._scale).tolist()
@@ -67,6 +81,26 @@ class Counting:
             vector(told),
             name=self.names,
         )
+
+
+def is_astray(position: float, lower: float, upper: float, count: float) -> bool:
+    """Whether a joint cannot stand where its axis tells.
+
+    It is too far from its range, or the counter of the axis has gone over its end: it would be nearer to its
+    range if it had not. Setpoints towards the range would drive such a joint away from it.
+
+    Args:
+        position: of the joint, in rad (m), as it is told.
+        lower, upper: its range.
+        count: rad (m) of one count.
+    """
+
+    def outside(place: float) -> float:
+        return max(lower - place, place - upper, 0.0)
+
+    told, circle = outside(position), COUNTER * abs(count)
+    is_near = told <= FAR * (upper - lower)  # not of NaN
+    return not is_near or min(outside(position + circle), outside(position - circle)) < told
 
 
 def can_have_gone(way: float, joint: AxisJoint, seconds: float) -> bool:

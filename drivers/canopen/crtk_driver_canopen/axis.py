@@ -13,13 +13,10 @@ from crtk_driver_canopen.safeguards import PositionLimits, position_limits, writ
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import POWERED, Drive402, State, Status
 from crtk_driver_canopen.units import home_counts
+from crtk_drivers.kit.axes import is_astray
 
 _MIRRORED: Final = 0.2
 """Part of the home position within which a joint is believed to stand at the negative of it."""
-
-
-_ASTRAY: Final = 10.0
-"""Widths of its range outside of which no joint stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,10 +147,12 @@ class Axis:
         return abs(position + wanted) < _MIRRORED * abs(wanted)
 
     def is_astray(self, position: float) -> bool:
-        """Whether it cannot stand there by far, in rad (m); one that can be homed may count from anywhere."""
+        """Whether it cannot stand there, in rad (m); one that can be homed may count from anywhere."""
         joint = self.config
-        outside = max(joint.lower - position, position - joint.upper)
-        return joint.homing is None and not outside <= _ASTRAY * (joint.upper - joint.lower)
+        is_believed = joint.homing is None or (joint.homing.required and self.homed)
+        return is_believed and is_astray(
+            position, joint.lower, joint.upper, self.facts.units.position
+        )
 
     def end_homing(self) -> None:
         """Forget the homing, and leave its mode."""

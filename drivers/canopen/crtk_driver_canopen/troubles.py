@@ -133,7 +133,9 @@ class Troubles:
             yield TransitionFailed(
                 "; ".join(astray),
                 where=self._link.where,
-                remedy="Check its encoder, and the gear, offset and range that are configured.",
+                remedy="Was it moved over the end of its counter, which has 32 bits? Move it back by hand, "
+                "or check its encoder, and the gear, offset and range that are configured. One that can be "
+                "homed: send unhome, enable and home.",
             )
 
     def check_home(self, axes: Sequence[Axis]) -> None:

@@ -12,6 +12,9 @@ from crtk_sim_backends.kit.profile import cubic, ramp_velocity, toward
 STEP: Final = 0.001
 """Seconds of a step."""
 
+COUNTER: Final = float(2**32)
+"""Counts after which positions are the same again: they are numbers of 32 bits, with a sign."""
+
 _GAIN: Final = 1.0 - math.exp(-STEP / 0.004)
 """Share of its error that the motor makes up for in a step: it is 4 ms behind its trajectory."""
 _COAST: Final = math.exp(-STEP / 0.02)
@@ -82,6 +85,7 @@ class Axis:
         self._point: tuple[Point, float] | None = None  # that is carried out, and for how long
         self._found: float | None = None  # where what homing looks for is, in counts of the motor
         self._before = self.position
+        self._wrap()
 
     # What others see
 
@@ -206,6 +210,14 @@ class Axis:
             self.velocity = 0.0 if self.stuck else self.velocity * _COAST
             self.position += self.velocity * STEP
             self.reference = float(self.counts)
+        self._wrap()
+
+    def _wrap(self) -> None:
+        """Count on at the other end of 32 bits, as the counter does; where it was sent stays what it is."""
+        turns = math.floor((self.position - self.zero + COUNTER / 2) / COUNTER)
+        if turns:
+            self.zero += turns * COUNTER
+            self.reference -= turns * COUNTER
 
     def _trajectory(self) -> None:
         if self.mode == "go":

@@ -12,6 +12,9 @@ from crtk_sim_backends.kit.profile import cubic, ramp_velocity, toward
 STEP: Final = 0.001
 """Seconds of a sample (TM 1000)."""
 
+COUNTER: Final = float(2**32)
+"""Counts after which positions are the same again: they are numbers of 32 bits, with a sign."""
+
 _GAIN: Final = 1.0 - math.exp(-STEP / 0.004)
 """Share of its error that the motor makes up for in a sample: it is 4 ms behind its profile."""
 
@@ -130,6 +133,7 @@ class Axis:
         """DP."""
         self.zero = self.position - counts
         self.reference = counts
+        self._wrap()
 
     def begin(self) -> int:
         """BG; the error code, 0 if it begins."""
@@ -192,8 +196,16 @@ class Axis:
         if self.on and not self.stuck:
             self.position += (self.reference + self.zero - self.position) * _GAIN
         self.velocity = (self.position - before) / STEP
+        self._wrap()
         if self.on:
             self._supervise()
+
+    def _wrap(self) -> None:
+        """Count on at the other end of 32 bits, as the counter does; where it was sent stays what it is."""
+        turns = math.floor((self.position - self.zero + COUNTER / 2) / COUNTER)
+        if turns:
+            self.zero += turns * COUNTER
+            self.reference -= turns * COUNTER
 
     def _profile(self) -> None:
         kind = self.mode

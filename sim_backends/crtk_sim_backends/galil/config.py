@@ -41,8 +41,8 @@ class SimConfig(Options):
         check_choice("model", self.model, MODELS, "controller")
         check_range("axes", self.axes, 1, 8)
         check_range("sample_time", self.sample_time, 62, 20_000)
-        check_range("travel", self.travel, 1000, 2**30)
-        check_range("home_at", self.home_at, -(2**30), 2**30)
+        check_range("travel", self.travel, 1000, 2**33)
+        check_range("home_at", self.home_at, -(2**33), 2**33)
         check_range("index_every", self.index_every, 4, 1_000_000)
         check_range("start", self.start, -self.travel, self.travel)
         for name in ("tcp_port", "udp_port"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Generator, Sequence
 
@@ -26,6 +27,7 @@ from crtk_drivers.kit.axes import (
     PieceEnds,
     Words,
     can_have_gone,
+    is_astray,
     promises,
 )
 from crtk_drivers.samples import Stamp, vector
@@ -406,3 +408,24 @@ def test_nothing_goes_ten_times_as_fast_as_it_may() -> None:
     assert can_have_gone(0.19, JOINTS["a"], 0.0)
     assert can_have_gone(-20.0, JOINTS["a"], 1.0)
     assert not can_have_gone(21.0, JOINTS["a"], 1.0)
+
+
+COUNT = 4e-9
+CIRCLE = COUNT * 2**32
+
+
+@pytest.mark.parametrize(
+    ("position", "astray"),
+    [
+        (0.0, False),
+        (3.5, False),  # somebody has pushed it out of its range
+        (-8.0, False),
+        (3.5 - CIRCLE, True),
+        (CIRCLE + 2.0, True),
+        (-100.0, True),
+        (math.nan, True),
+    ],
+)
+def test_a_joint_beyond_its_counter_is_astray(position: float, astray: bool) -> None:
+    for count in (COUNT, -COUNT):
+        assert is_astray(position, -3.0, 3.0, count) is astray
