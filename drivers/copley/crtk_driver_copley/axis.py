@@ -36,6 +36,7 @@ class Axis:
         velocity: counts/s.
         current: A.
         powered: it was enabled by us, and what it tells is judged.
+        homing: it searches, and may meet a limit switch.
     """
 
     def __init__(self, name: str, joint: JointConfig) -> None:
@@ -43,7 +44,7 @@ class Axis:
         self.joint = joint
         self.to = joint.to
         self.scale = joint.sign / joint.counts
-        self.powered = False
+        self.powered = self.homing = False
         self.forget()
 
     def forget(self) -> None:
@@ -119,8 +120,9 @@ class Axis:
 
     def judged(self) -> tuple[list[str], bool]:
         """Return what is wrong with an axis with power, and whether it was told twice."""
-        if not self.powered:
+        if self.homing or not self.powered:
             self.limits = self.status & _ALL_LIMITS
+        if not self.powered:
             return [], True
         wrong = [meaning for bit, meaning in CONDITIONS.items() if self.status & bit]
         if self.status & Status.LATCHED:

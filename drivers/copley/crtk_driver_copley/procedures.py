@@ -119,7 +119,7 @@ class Procedures:
         method = (yield from self.do([get(axis.to, Parameter.HOME_METHOD)]))[0].values[0]
         proven = method == HOMING["here"] or not axis.trajectory & Trajectory.REFERENCED
         begun = False
-        axis.powered = False  # it may meet a limit switch
+        axis.homing = True
         try:
             yield from self.do([home(axis.to)], once=True)
             told = yield from self._told(axis)
@@ -133,8 +133,8 @@ class Procedures:
                 yield
                 told = yield from self._told(axis)
         finally:
-            axis.judged()
-            axis.powered = True
+            axis.judged()  # a switch at which it stands is not news
+            axis.homing = False
         is_homed = told & Trajectory.REFERENCED and (begun or proven)
         if is_homed and not told & (Trajectory.HOME_ERROR | Trajectory.HOMING):
             return None

@@ -225,6 +225,18 @@ def test_a_drive_that_is_not_heard_any_more_is_told_to_stop(sim: RunningSim) -> 
         eventually(lambda: arm.health().samples > count + 5, "it is seen to stand")
 
 
+def test_a_fault_of_the_homing_axis_ends_it(sim: RunningSim) -> None:
+    homing = {"method": "limit_positive", "speed": 0.2}
+    with arm_at(sim, joints={"joint_1": {**ONE["joint_1"], "homing": homing}}) as arm:
+        arm.enable(LONG)
+        arm.engine.state_command("home")
+        eventually(lambda: sim.control.status()["mode"][0] == "home", "it homes")
+        sim.control.inject("status", bits=1 << 3)
+        fault(arm, "joint_1: under-voltage. Check the supply")
+        eventually(lambda: stands(sim), "it stands")
+        assert not arm.is_homed()
+
+
 @pytest.mark.slow
 def test_homing_that_meets_a_limit_switch_fails_with_the_reason() -> None:
     keys = {"joint_1": {**ONE["joint_1"], "homing": {"method": "switch_positive", "speed": 1.5}}}
