@@ -127,6 +127,45 @@ def test_hold_beyond_the_turn_is_a_fault(homing, lower, upper, count):
 
 
 @pytest.mark.parametrize(
+    ("homing", "lower", "upper", "end"),
+    [
+        pytest.param(-100, 1000, 3994, 1, id="-100"),
+        pytest.param(-1024, 1000, 3070, 1, id="-1024"),
+        pytest.param(900, 901, 3000, -1, id="900"),
+        pytest.param(1024, 1025, 3000, -1, id="1024"),
+    ],
+)
+def test_beside_the_end_it_stays_in_range(homing, lower, upper, end):
+    """Its range ends with the turn of its encoder; it is sent there, let go there, and held there."""
+    config = values("xm430-w350", lower, upper)
+    last = upper if end > 0 else lower
+    with servo_of(config, homing) as sim, driver_at(sim, config) as bench:
+
+        def really() -> float:
+            return float(sim.control.outputs()["bus1/1"]["angle"] / COUNT + homing + MIDDLE)
+
+        def stands() -> bool:
+            before = really()
+            bench.cycles(5)
+            return abs(really() - before) < 0.5
+
+        put(sim, last - end * 300, homing)
+        bench.arm.enable(timeout=LONG)
+        for _ in range(60):
+            bench.arm.servo_jv([end * 2.0])
+            bench.cycles(1)
+            assert lower - 10 < really() < upper + 10
+        bench.arm.hold()
+        eventually(lambda: stands() and abs(really() - last) < 40, "it stands beside the end")
+        for ask in (bench.arm.free, bench.arm.hold, bench.arm.pause, bench.arm.resume):
+            with bench.nothing_moves():
+                ask()
+                bench.cycles(5)
+        bench.arm.move_jp([(last - end * 200 - MIDDLE) * COUNT]).wait(LONG)
+        assert really() == pytest.approx(last - end * 200, abs=10)
+
+
+@pytest.mark.parametrize(
     ("homing", "lower", "upper", "possible"),
     [
         pytest.param(-100, 100, 4090, "-2.9882 to 2.9867 rad", id="-100"),
