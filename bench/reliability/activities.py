@@ -1,4 +1,4 @@
-"""What an arm does when a fault meets it: nothing, a stream of each kind, a move of each kind."""
+"""What an arm does when a fault meets it: nothing, a stream or move of each kind, a transition that moves."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ from crtk_drivers.errors import CommandRefused, Reason
 
 STEP_LIMIT = 0.02
 """Seconds by which the way of a stream of positions is continued at most, however late it is."""
+
+
+UNHOMED = 2.0
+"""Seconds in which `unhome` is carried out, which moves nothing."""
 
 
 @dataclass(frozen=True)
@@ -165,13 +169,29 @@ ONCE: Mapping[str, Maker] = {
 }
 """Sent once."""
 
-ALL = (REST, *STREAMS, *ONCE)
+HOME = "home"
+TRANSITIONS = (HOME,)
+"""Begun once, and seen through by the driver. A rig lists those that move its joints."""
+
+ALL = (REST, *STREAMS, *ONCE, *TRANSITIONS)
 STANDING = frozenset({REST, "free"})
 """In which nothing moves by itself."""
 MOVES = frozenset({"move_jp", "move_cp"})
 OF_THE_TOOL = frozenset({"servo_cp", "servo_cv", "servo_cf", "interpolate_cp", "move_cp"})
 EFFORTS = frozenset({"servo_jf", "servo_cf"})
 """In which a joint goes on as long as nobody looks."""
+
+
+def _home(arm: Any) -> None:
+    """Begin to home, also what is homed already."""
+    engine = arm.engine
+    engine.state_command("unhome")
+    deadline = time.monotonic() + UNHOMED
+    while engine.status.is_homed or not engine.transition_ended:
+        if time.monotonic() > deadline:
+            return
+        time.sleep(STEP_LIMIT / 10.0)
+    engine.state_command(HOME)
 
 
 class Activity:
@@ -186,6 +206,8 @@ class Activity:
         if name in ONCE:
             arm.trajectory_j.set_ratio_v(plan.ratio)
             self.move = ONCE[name](arm, plan)()
+        elif name == HOME:
+            _home(arm)
 
     def send(self) -> None:
         """Send the next command of a stream if it is due."""

@@ -138,17 +138,18 @@ def own_process(
     )
 
 
-def outlived(*, stands: float, activities: tuple[str, ...]) -> tuple[Way, ...]:
+def outlived(*, stands: float, activities: tuple[str, ...], when: str = "") -> tuple[Way, ...]:
     """Return F16 of a driver whose hardware stops by itself.
 
     Args:
         stands: declared s in which joints stand.
         activities: in which it is met.
+        when: of a transition, in words that follow "killed".
     """
     return tuple(
         Way(
             "F16",
-            name,
+            f"{name}{when}",
             Follows.OUTLIVED,
             parameters={"signal": number},
             stands=stands,

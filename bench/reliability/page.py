@@ -22,7 +22,8 @@ Twenty faults, met by the drivers of [the matrix](#the-matrix) at their simulato
 hardware has. Five drivers are [outside the matrix](#drivers-outside-the-matrix), which names the tests of
 their faults. This page is written by `python -m bench.faults --write` and by nothing else.
 `tests/all_devices/test_matrix.py` runs a part of the same table in CI (each way in which a driver meets
-a fault, and each activity); the command runs all of it: at rest, in each kind of stream and of move.
+a fault, and each activity); the command runs all of it: at rest, in each kind of stream and of move, and
+while a joint homes.
 
 In each cell the state and its reason are announced, and the joints come to stand, within the declared
 times and {SLACK:g} s more, which a busy machine may take: later, and the cell has failed. What was measured

@@ -137,6 +137,7 @@ def _enables(rig: Rig) -> None:
     rig.enable()
     rig.run(0.1)
     _stands_at(rig, rest, "it was only enabled")
+    rig.be_homed()
     if "move_jp" in rig.engine.commands:
         goal = np.array(rig.arm.setpoint_jp(age=0))
         goal[0] -= 5.0 * rig.tolerance

@@ -16,7 +16,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability import disturbed
-from bench.reliability.activities import EFFORTS, OF_THE_TOOL, STANDING, Activity, Plan
+from bench.reliability.activities import EFFORTS, HOME, OF_THE_TOOL, STANDING, Activity, Plan
 from bench.reliability.disturbed import DisturbedDevice
 from bench.reliability.table import Absent, Way
 from crtk_drivers.config import DeviceConfig, from_values, load
@@ -118,6 +118,7 @@ class Rig(ABC):
         thorough: one fault is met in every activity in CI, too.
         tolerance: how far (rad, m) joints that stand may seem to move.
         belated: seconds in which a fault may still be told of that is over already.
+        runs_on: seconds for which it homes by itself at most, when nobody can stop it.
     """
 
     name: ClassVar[str]
@@ -132,6 +133,7 @@ class Rig(ABC):
     defaults: ClassVar[Mapping[str, Any]] = {}
     tolerance: ClassVar[float] = 3e-3
     belated: ClassVar[float] = 0.0
+    runs_on: ClassVar[float] = 0.0
     thorough: ClassVar[bool] = True
     second: ClassVar[str] = "in use"
     """Words with which a second host is refused."""
@@ -384,6 +386,7 @@ class Rig(ABC):
         self.until(lambda: self.connected, PATIENCE, "it is connected")
         self.by_hand()
         self.enable()
+        self.be_homed()
         if self.moves_joints:
             self._begin_at_home()
         self._unwatched = False
@@ -433,6 +436,16 @@ class Rig(ABC):
                 raise BrokenPromiseError(f"it cannot be enabled again: {self.status}, {refused}")
             if self.status.state != "ENABLED":
                 self.run(0.1)
+
+    def be_homed(self) -> None:
+        """Home what is not, if homing is one of its activities: its positions count from there on."""
+        if HOME not in self.activities or self.status.is_homed:
+            return
+        with contextlib.suppress(CommandRefused):
+            self.engine.state_command(HOME)
+        self.until(lambda: self.engine.transition_ended, PATIENCE, "home ends")
+        refused = [str(refusal) for refusal in self.log.refused[-2:]]
+        self.require(self.status.is_homed, f"it cannot be homed: {self.status}, {refused}")
 
     def begin_activity(self, name: str) -> None:
         """Begin what it does, and wait until it does it."""

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from typing_extensions import override
 
-from bench.reliability.activities import Plan
+from bench.reliability.activities import HOME, Plan
 from bench.reliability.common import of_part, outlived, own_process
 from bench.reliability.rig import HELD_UP, Rig
-from bench.reliability.table import REST, Absent, Follows, Way, single_messages
+from bench.reliability.table import REST, Absent, Follows, Way, asked_to_stop, single_messages
 from crtk_driver_canopen import PLUGIN
 from crtk_sim_backends.canopen import SIM
 
@@ -34,7 +35,10 @@ HEARTBEAT = 0.5
 BOOT = 2.0
 """Seconds in which the driver may notice that a node has started again."""
 
-_MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jp", "interpolate_jv", "move_jp")
+_MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jp", "interpolate_jv", "move_jp", HOME)
+DRIVES = Path(__file__).with_name("canopen_drives.yaml")
+SWITCH = 20.0 * 2.0 * math.pi / GEAR
+"""Where the home switch is that it says, rad."""
 
 
 def _drive(
@@ -142,10 +146,11 @@ WAYS = (
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
         lags=True,
-        activities=("servo_jp", "interpolate_jp", "move_jp"),
+        activities=("servo_jp", "interpolate_jp", "move_jp", HOME),
     ),
     _drive("F13", "safe torque off", "safe_torque_off", JOINT),
     _drive("F14", "local control", "local_control", f"{JOINT}: remote (bit 9) has gone to 0"),
+    *asked_to_stop(STOP, (HOME,)),
     *own_process(stop=STOP, stream=0.3),
     *outlived(stands=HEARTBEAT + STOP, activities=_MOVING),
     Way("F20", "a second master on the bus", Follows.KEPT_OUT, detail="another master"),
@@ -158,6 +163,14 @@ ABSENT = (
     Absent("F9", "no sensor; a drive that starts again is F11"),
 )
 
+HOMING: Mapping[str, Any] = {
+    "method": 24,
+    "speed_switch": 0.3,
+    "speed_zero": 0.3,
+    "acceleration": 10.0,
+    "position": SWITCH,
+}
+
 VALUES: Mapping[str, Any] = {
     "joints": {
         f"joint_{node}": {
@@ -169,6 +182,7 @@ VALUES: Mapping[str, Any] = {
             "acceleration": 30.0,
             "effort": 20.0,
             "modes": ("csp", "csv", "cst"),
+            **({"homing": HOMING} if node == MOVING else {}),
         }
         for node in range(1, COUNT + 1)
     },
@@ -178,6 +192,7 @@ VALUES: Mapping[str, Any] = {
 _PATIENT = {
     "period": PERIOD,
     "missed_cycles": 100,
+    "sample_timeout": 100 * PERIOD + 0.5,  # which node it is is told before
     "heartbeat": {"ours_timeout": HEARTBEAT + HELD_UP, "drives_timeout": HEARTBEAT + HELD_UP},
     "open_timeout": 10.0,
     "stream_timeout": 0.3,
@@ -190,7 +205,7 @@ class CanopenRig(Rig):
     name = "canopen"
     plugin = PLUGIN
     simulator = SIM
-    sim_options = {"nodes": COUNT, "realtime": True}  # noqa: RUF012
+    sim_options = {"nodes": COUNT, "realtime": True, "drives": str(DRIVES)}  # noqa: RUF012
     ways = WAYS
     absent = ABSENT
     plan = Plan(velocity=0.5, far=2.0, effort=3.0, room=0.5)
@@ -203,6 +218,7 @@ class CanopenRig(Rig):
         "interpolate_jp",
         "interpolate_jv",
         "move_jp",
+        HOME,
     )
     defaults = VALUES
     values = _PATIENT

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from typing_extensions import override
 
-from bench.reliability.activities import Plan
+from bench.reliability.activities import HOME, Plan
 from bench.reliability.common import of_part, outlived, own_process, passing
 from bench.reliability.rig import HELD_UP, Rig
-from bench.reliability.table import REST, Absent, Follows, Way
+from bench.reliability.table import REST, Absent, Follows, Way, asked_to_stop
 from crtk_driver_copley import PLUGIN
 from crtk_driver_copley.plugin import TYPICAL
 from crtk_sim_backends.copley import SIM
@@ -27,16 +27,48 @@ STUCK = 1.25
 """Seconds as `common.STALL`, with periods of 60 ms: what the line carries of three axes."""
 TURN = 100_000 / (2.0 * math.pi)
 
-_MOVING = ("servo_jp", "servo_jv", "interpolate_jp", "interpolate_jv", "move_jp")
+AGAIN = 2.0
+"""Declared s in which it connects again, and stops an axis that homes by itself."""
+_FOLLOWED = ("servo_jp", "servo_jv", "interpolate_jp", "interpolate_jv", "move_jp")
+_MOVING = (*_FOLLOWED, HOME)
+SWITCH = 20_000 / TURN
+"""Where its home switches are, rad: its joints are at their offset there."""
+SPEED = 0.3
+SEARCH = 1.5 * SWITCH / SPEED
+"""Seconds in which a drive finds its switch: by itself, whoever is gone (docs/copley.md)."""
 
 
 def _drive(name: str, kind: str, detail: str, **more: object) -> Way:
     return of_part("F12", name, kind, detail, within=TOLD, stop=STOP, **more)
 
 
+_MESSAGES = {
+    "stop (t 0)": "t 0",
+    "look at the trajectory (0xc9)": "g r0xc9",
+    "look at the status (0xa0)": "g r0xa0",
+}
+"""What people call a message on the way to a stop, and a text that it has."""
+_NOT_HEARD = {"lost": "lost_once", "not answered": "mute_once"}
+
+
+def _single_messages() -> tuple[Way, ...]:
+    """Return F8 of one message on the way to a stop that ends homing: it is not heard, or not answered."""
+    switches = {**_MESSAGES, "desired state (0x24)": "s r0x24"}
+    return tuple(
+        Way("F8", f"{effect}: {message} after {action}", Follows.OBEYS, kind, {"text": text},
+            stands=STOP + BUFFER, activities=(HOME,), action=action)
+        for action in ("hold", "disable", "close")
+        for message, text in (_MESSAGES if action == "hold" else switches).items()
+        for effect, kind in _NOT_HEARD.items()
+    )  # fmt: skip
+
+
 WAYS = (
     Way("F2", "the line is silent", kind="silence", parameters={"port": "serial"}, within=SAMPLES,
-        stands=SAMPLES + BUFFER + STOP),
+        stands=SAMPLES + BUFFER + STOP, activities=(REST, *_FOLLOWED)),
+    Way("F2", "the line is silent for a moment while it homes", kind="silence",
+        parameters={"port": "serial"}, within=SAMPLES, freezes=True, stands=AGAIN + STOP,
+        activities=(HOME,)),
     Way("F3", "nobody answers", Follows.STARTS_LATER, "silence", {"port": "serial"}, within=10.0),
     passing("F5", "a byte of every 31st answer is changed", "corrupt", every=31),
     passing("F5", "a byte of every 31st command is changed", "garbled", every=31),
@@ -46,7 +78,10 @@ WAYS = (
     Way("F6", "a drive behind the first one is gone", kind="node_gone", parameters={"node": 1},
         detail="e 32", within=SAMPLES, stands=SAMPLES + BUFFER + STOP),
     Way("F7", "unplugged, and another tty later", kind="disconnect", parameters={"port": "serial"},
-        detail="the adapter is gone", within=0.2, stands=BUFFER + STOP),
+        detail="the adapter is gone", within=0.2, stands=BUFFER + STOP, activities=(REST, *_FOLLOWED)),
+    Way("F7", "unplugged, and another tty later, while it homes", kind="disconnect",
+        parameters={"port": "serial"}, detail="the adapter is gone", within=0.2, freezes=True,
+        stands=AGAIN + STOP, activities=(HOME,)),
     passing("F8", "every 37th answer is lost", "mute", every=37),
     passing("F8", "every 11th answer comes twice", "doubled", every=11),
     Way("F11", "the first drive starts anew", kind="reset", within=SAMPLES + TOLD,
@@ -59,8 +94,11 @@ WAYS = (
     _drive("its enable input", "input_off", "joint_3: its enable input is off", node=2),
     Way("F14", "another program stops an axis", kind="foreign_stop", within=SAMPLES,
         stands=SAMPLES + STOP, activities=_MOVING),
+    *asked_to_stop(STOP + BUFFER, (HOME,)),
+    *_single_messages(),
     *own_process(stop=STOP + BUFFER, stream=0.3, stuck=STUCK),
-    *outlived(stands=BUFFER + STOP, activities=_MOVING),
+    *outlived(stands=BUFFER + STOP, activities=_FOLLOWED),
+    *outlived(stands=SEARCH + STOP, activities=(HOME,), when=" while it homes"),
     Way("F20", "a second driver at the port", Follows.KEPT_OUT, detail="in use"),
 )  # fmt: skip
 
@@ -73,6 +111,18 @@ ABSENT = (
 )
 
 
+_HOMING = {
+    "offset": SWITCH,
+    "homing": {"method": "switch_positive", "speed": SPEED, "slow": 0.2},
+}
+_HOMED = {
+    "joints": {
+        name: {**joint, **(_HOMING if joint["node"] == 0 else {})}
+        for name, joint in TYPICAL["joints"].items()
+    }
+}
+
+
 class CopleyRig(Rig):
     """The arm."""
 
@@ -83,9 +133,10 @@ class CopleyRig(Rig):
     absent = ABSENT
     plan = Plan(velocity=0.5, far=2.0, room=0.3)
     activities = (REST, *_MOVING)
+    runs_on = SEARCH
     belated = TOLD
     values = {  # noqa: RUF012
-        **TYPICAL,
+        **_HOMED,
         "sample_timeout": SAMPLES + HELD_UP,
         "reply_timeout": 0.05,
         "pvt_lead": LEAD,

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from typing_extensions import override
 
-from bench.reliability.activities import Plan
+from bench.reliability.activities import HOME, Plan
 from bench.reliability.common import by_tcp, of_part, outlived, own_process, passing
 from bench.reliability.rig import HELD_UP, Rig
-from bench.reliability.table import REST, Absent, Way
+from bench.reliability.table import REST, Absent, Way, asked_to_stop
 from crtk_driver_galil import PLUGIN
 from crtk_driver_galil.plugin import TYPICAL
 from crtk_sim_backends.galil import SIM
@@ -24,7 +24,15 @@ FAR_BEHIND = 4.0
 STOP = 0.7
 TURN = 100_000 / (2.0 * math.pi)
 
-_MOVING = ("servo_jp", "servo_jv", "interpolate_jp", "interpolate_jv", "move_jp")
+AGAIN = 1.0
+"""Declared s in which it connects again, and stops an axis that homes by itself."""
+_FOLLOWED = ("servo_jp", "servo_jv", "interpolate_jp", "interpolate_jv", "move_jp")
+_MOVING = (*_FOLLOWED, HOME)
+SWITCH = 20_000 / TURN
+"""Where its home switches are, rad."""
+SPEED = 0.3
+SEARCH = 1.5 * SWITCH / SPEED
+"""Seconds in which the controller finds its switch: by itself, whoever is gone (docs/galil.md)."""
 
 
 def _axis(name: str, kind: str, detail: str, **more: object) -> Way:
@@ -37,9 +45,12 @@ WAYS = (
         for way in by_tcp("command", REPLY)
         if way.fault in ("F3", "F4")
     ),
-    Way("F1", "the connection is closed", kind="disconnect", parameters={"port": "command"}, stands=STOP),
+    Way("F1", "the connection is closed", kind="disconnect", parameters={"port": "command"}, stands=STOP,
+        activities=(REST, *_FOLLOWED)),
+    Way("F1", "the connection is closed for a moment while it homes", kind="disconnect",
+        parameters={"port": "command"}, freezes=True, stands=AGAIN + STOP, activities=(HOME,)),
     Way("F2", "commands are not answered", kind="mute", within=REPLY + SAMPLES,
-        stands=REPLY + SAMPLES + STOP, activities=_MOVING),
+        stands=REPLY + SAMPLES + STOP, activities=_FOLLOWED),
     Way("F2", "no data records come", kind="no_records", within=SAMPLES, stands=SAMPLES + STOP),
     passing("F5", "a byte of every 4th record is changed", "corrupt", every=4),
     passing("F5", "every 4th record is cut", "short", every=4),
@@ -52,8 +63,10 @@ WAYS = (
     _axis("its motor loses its power", "motor_off", "its motor is off", axis="A"),
     Way("F12", "its encoder", kind="encoder_failure", parameters={"axis": "A"},
         detail="encoder failure", within=0.2, stands=0.2 + STOP),
+    *asked_to_stop(STOP, (HOME,)),
     *own_process(stop=STOP, stream=0.3),
-    *outlived(stands=STOP, activities=_MOVING),
+    *outlived(stands=STOP, activities=_FOLLOWED),
+    *outlived(stands=SEARCH + STOP, activities=(HOME,), when=" while it homes"),
 )  # fmt: skip
 
 ABSENT = (
@@ -66,6 +79,15 @@ ABSENT = (
 )
 
 
+_HOMING = {"method": "home", "speed": SPEED, "position": SWITCH}
+_HOMED = {
+    "joints": {
+        name: {**joint, **({"homing": _HOMING} if joint["axis"] == "A" else {})}
+        for name, joint in TYPICAL["joints"].items()
+    }
+}
+
+
 class GalilRig(Rig):
     """The arm."""
 
@@ -76,8 +98,9 @@ class GalilRig(Rig):
     absent = ABSENT
     plan = Plan(velocity=0.5, far=2.0, room=0.3)
     activities = (REST, *_MOVING)
+    runs_on = SEARCH
     values = {  # noqa: RUF012
-        **TYPICAL,
+        **_HOMED,
         "sample_timeout": SAMPLES + HELD_UP,
         "reply_timeout": REPLY + HELD_UP,
         "open_timeout": 5.0,

@@ -138,7 +138,7 @@ def full(driver: str, ways: tuple[Way, ...], activities: tuple[str, ...]) -> lis
 
 def thinned(ways: tuple[Way, ...]) -> tuple[Way, ...]:
     """Return the ways without most of those of single messages."""
-    single = [way for way in ways if way.follows is Follows.OBEYS]
+    single = [way for way in ways if way.follows is Follows.OBEYS and way.kind]
     left_out = {id(way) for number, way in enumerate(single) if number % THINNED}
     return tuple(way for way in ways if id(way) not in left_out)
 
@@ -170,6 +170,20 @@ def single_messages(
         for effect in ("lost", "doubled", "late")
         for number, ordinal in ((1, "1st"), (2, "2nd"))
     )
+
+
+def asked_to_stop(within: float, activities: tuple[str, ...]) -> tuple[Way, ...]:
+    """Return F8 of stops in a transition that moves, of which no message is lost.
+
+    Args:
+        within: declared s in which the joints stand after each.
+        activities: the transitions.
+    """
+    return tuple(
+        Way("F8", f"nothing is lost after {action}", Follows.OBEYS, stands=within,
+            activities=activities, action=action)
+        for action in ("hold", "disable", "pause", "close")
+    )  # fmt: skip
 
 
 def covering(

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from bench.reliability.activities import STREAMS, Activity
+from bench.reliability.activities import HOME, STREAMS, Activity
 from bench.reliability.rig import STILL, BrokenPromiseError, Rig
 from bench.reliability.table import Follows, Way
 from crtk_drivers.errors import CommandRefused, CrtkError
@@ -64,6 +64,7 @@ class Walk:
         self._fault: Way | None = None
         self._asked = -math.inf
         self._told_by = -math.inf
+        self._searches_until = -math.inf
         self._start = np.zeros(0)
 
     # ------------------------------------------------------------------------------------------ steps
@@ -128,6 +129,8 @@ class Walk:
         """Close the driver and start another, whatever goes on."""
         self.end_fault()
         self.story.add("restart")
+        if not self.rig.engine.connected:
+            self._asked = max(self._asked, self._searches_until)  # nobody could stop that
         self.rig.reopen()
         self.go_on(0.05)
 
@@ -185,6 +188,10 @@ class Walk:
             rig.status.is_busy or (rig.activity is not None and rig.activity.name in STREAMS)
         )
         if moving or rig.engine.transition_ended is False:
+            self._asked = now
+            if rig.activity is not None and rig.activity.name == HOME:
+                self._searches_until = now + rig.runs_on
+        elif not rig.engine.connected and now < self._searches_until:
             self._asked = now
         allowed = max(silent, policy.link_timeout) + policy.time + LATE
         if now - self._asked > allowed and not rig.still(STILL):
