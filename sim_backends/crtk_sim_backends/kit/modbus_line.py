@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Final, Protocol
 
 from crtk_sim_backends.faults import Fault, FaultKind, Parameter
@@ -32,8 +33,22 @@ KINDS: Final[Mapping[str, FaultKind]] = {
             {"seconds": Parameter(float, minimum=0.0, maximum=10.0)},
             lasting=True,
         ),
+        FaultKind(
+            "message",
+            "the n-th request or answer of a kind, and only that, is lost, comes twice, or is late",
+            {
+                "part": Parameter(str, "request", choices=("request", "answer")),
+                "of": Parameter(str, "any", choices=("any", "read", "write")),
+                "number": Parameter(int, 1, minimum=1),
+                "effect": Parameter(str, "lost", choices=("lost", "doubled", "late")),
+                "seconds": Parameter(float, 0.03, minimum=0.0001, maximum=60.0),
+            },
+            lasting=True,
+        ),
     )
 }
+WRITING: Final = frozenset({6, 16, 23})
+"""Functions of the requests that write."""
 
 GAP: Final = 0.02
 """Seconds of silence after which the rest of a request is forgotten."""
@@ -41,6 +56,7 @@ BITS: Final = 10
 """Of a byte on the line."""
 
 Beyond = Callable[[int, bytes], bytes | None]
+After = Callable[[float, Callable[[], object]], object]
 Deliver = Callable[[Session, bytes], object]
 
 
@@ -56,11 +72,16 @@ class ModbusUnit(Registers, Protocol):
 
 
 class Distortion:
-    """What goes wrong with answers now; the same for every way to the device."""
+    """What goes wrong with requests and answers now; the same for every way to the device.
+
+    Args:
+        after: calls a function so many seconds from now.
+    """
 
     kinds = KINDS
 
-    def __init__(self) -> None:
+    def __init__(self, after: After) -> None:
+        self._after = after
         self.faults: dict[str, Mapping[str, object]] = {}
         self._counts: dict[str, int] = {}
         self._random = random.Random(1)
@@ -90,6 +111,35 @@ class Distortion:
         assert isinstance(seconds, float)
         return seconds
 
+    def pass_on(
+        self, part: str, deliver: Callable[[], object], *, writes: bool, wait: float = 0.0
+    ) -> None:
+        """Deliver a message, unless the fault ``message`` hits this very one.
+
+        Args:
+            part: ``request`` or ``answer``.
+            deliver: does it; twice if it is doubled.
+            writes: whether that request writes.
+            wait: s that it takes anyway.
+        """
+        for late in self._arrivals(part, writes=writes):
+            if wait + late:
+                self._after(wait + late, deliver)
+            else:
+                deliver()
+
+    def _arrivals(self, part: str, *, writes: bool) -> tuple[float, ...]:
+        """Return by how many s each copy of a message is late: none if it is lost, two if it is doubled."""
+        wanted = self.faults.get("message", {})
+        if wanted.get("part") != part or wanted["of"] not in ("any", _OF[writes]):
+            return (0.0,)
+        self._counts["message"] += 1
+        if self._counts["message"] != wanted["number"]:
+            return (0.0,)
+        seconds = wanted["seconds"]
+        assert isinstance(seconds, float)
+        return {"lost": (), "doubled": (0.0, 0.0), "late": (seconds,)}[str(wanted["effect"])]
+
     def reply(self, device: ModbusUnit, request: bytes) -> bytes | None:
         """Return what is answered to a request; None: nothing."""
         if not device.powered:
@@ -111,6 +161,9 @@ class Distortion:
         if self.strikes("doubled"):
             frame += frame
         return (self._random.randbytes(5) if self.strikes("noise") else b"") + frame
+
+
+_OF: Final = {False: "read", True: "write"}
 
 
 class RtuSession:
@@ -157,7 +210,7 @@ class RtuLine:
         unit: int,
         baud: int,
         turnaround: float,
-        after: Callable[[float, Callable[[], object]], object],
+        after: After,
         deliver: Deliver,
         client_baud: Callable[[], int] | None = None,
     ) -> None:
@@ -189,6 +242,10 @@ class RtuLine:
                 self._serve(unit, request)
 
     def _serve(self, unit: int, request: bytes) -> None:
+        carry_out = partial(self._carry_out, unit, request)
+        self._distortion.pass_on("request", carry_out, writes=request[0] in WRITING)
+
+    def _carry_out(self, unit: int, request: bytes) -> None:
         reply = self._distortion.reply(self._device, request)
         if reply is None or unit == 0:  # a broadcast is not answered
             return
@@ -196,7 +253,8 @@ class RtuLine:
         frame = self._distortion.on_the_line(body + crc(body))
         on_the_wire = (len(request) + 3 + len(frame)) * self._byte_time
         wait = on_the_wire + self._turnaround + self._distortion.delay
-        self._after(wait, lambda: self.deal(frame))
+        deal = partial(self.deal, frame)
+        self._distortion.pass_on("answer", deal, writes=request[0] in WRITING, wait=wait)
 
     def deal(self, frame: bytes) -> None:
         """Send an answer; of several programs one reads it, or one its beginning and one the rest."""
@@ -241,16 +299,22 @@ class TcpSession:
             self.ended = True
             return b""
         for transaction, unit, request in requests:
-            if unit == self._unit and self._device.powered:
-                reply = self._distortion.reply(self._device, request)
-            else:
-                reply = self._beyond(unit, request)
-            if reply is not None:
-                size = (1 + len(reply)).to_bytes(2)
-                frame = transaction + b"\0\0" + size + bytes((unit,)) + reply
-                frame = frame * (2 if self._distortion.strikes("doubled") else 1)
-                self._later(self._distortion.delay, self, frame)
+            carry_out = partial(self._carry_out, transaction, unit, request)
+            self._distortion.pass_on("request", carry_out, writes=request[0] in WRITING)
         return b""
+
+    def _carry_out(self, transaction: bytes, unit: int, request: bytes) -> None:
+        if unit == self._unit and self._device.powered:
+            reply = self._distortion.reply(self._device, request)
+        else:
+            reply = self._beyond(unit, request)
+        if reply is None:
+            return
+        size = (1 + len(reply)).to_bytes(2)
+        frame = transaction + b"\0\0" + size + bytes((unit,)) + reply
+        frame = frame * (2 if self._distortion.strikes("doubled") else 1)
+        send = partial(self._later, self._distortion.delay, self, frame)
+        self._distortion.pass_on("answer", send, writes=request[0] in WRITING)
 
     def close(self) -> None:
         """Forget an unfinished frame."""

@@ -12,6 +12,7 @@ from crtk_sim_backends.faults import Fault, KindTable
 from crtk_sim_backends.kit.device import Device
 from crtk_sim_backends.kit.modbus_line import (
     KINDS,
+    After,
     Beyond,
     Distortion,
     ModbusUnit,
@@ -66,9 +67,9 @@ class ModbusOptions(Options):
 class _Whole:
     """The device and what distorts its answers, as one."""
 
-    def __init__(self, device: Mechanism) -> None:
+    def __init__(self, device: Mechanism, after: After) -> None:
         self._device = device
-        self.distortion = Distortion()
+        self.distortion = Distortion(after)
         self.kinds: KindTable = {**device.kinds, **KINDS}
         self.status = device.status
 
@@ -109,7 +110,7 @@ def serve_modbus(
         beyond: answers in Modbus TCP for other units, and for a device without power.
         make_line: makes its serial lines, with the arguments of `RtuLine`.
     """
-    whole = _Whole(device)
+    whole = _Whole(device, lambda seconds, function: server.after(seconds, function))
 
     def line(name: str, client_baud: Callable[[], int] | None = None) -> RtuLine:
         return make_line(

@@ -27,6 +27,7 @@ class SimConfig(ModbusOptions):
             "band_open",
             "band_closed",
             "object_lag",
+            "sweep_speed",
             "defects",
             "unit",
         ),
@@ -43,6 +44,9 @@ class SimConfig(ModbusOptions):
     band_open: float = option(3.0, "count (gPO) at which it is open as far as it goes")
     band_closed: float = option(230.0, "count at which it is closed as far as it goes")
     object_lag: float = option(0.003, "gOBJ comes later than the echo of a request, by so many s")
+    sweep_speed: float = option(
+        0.0, "speed of its fingers in an activation, in m/s; 0: the greatest of the model"
+    )
     defects: str = option("", "what is wrong with it: short, blind, imagines, gives_way (docs)")
     unit: int = option(9, "its Modbus address")
     object_width: float = option(0.0, "width of what lies between the fingers, in m; 0: nothing")
@@ -58,6 +62,7 @@ class SimConfig(ModbusOptions):
         check_range("band_open", self.band_open, 0.0, 100.0)
         check_range("band_closed", self.band_closed, 101.0, 255.0)
         check_range("object_lag", self.object_lag, 0.0, 0.1)
+        check_range("sweep_speed", self.sweep_speed, 0.0, 0.5)
         check_range("object_width", self.object_width, 0.0, 0.2)
         check_range("object_stiffness", self.object_stiffness, 100.0, 1e9)
         check_port("urcap_port", self.urcap_port)

@@ -90,6 +90,7 @@ class Gripper:
         band: counts at which the fingers are open and closed as far as they go.
         activated: whether somebody has activated it already.
         lag: seconds by which gOBJ comes later than the echo of a request.
+        sweep_speed: of its fingers in an activation, in m/s; 0: the greatest of the model.
         defects: what is wrong with it.
     """
 
@@ -104,10 +105,12 @@ class Gripper:
         *,
         activated: bool,
         lag: float,
+        sweep_speed: float = 0.0,
         defects: GripperDefects = SOUND,
     ) -> None:
         self._defects = defects
         self._lag = lag
+        self._sweep_speed = sweep_speed
         self.model = MODELS[model]
         self.band = band
         self.jaw = jaw
@@ -195,7 +198,8 @@ class Gripper:
         if not self.powered or self._fault >= MAJOR:
             return
         if self._state == ACTIVATING:
-            pace, press = self.model.speeds[1], self.model.forces[0]
+            pace = self._sweep_speed or self.model.speeds[1]
+            press = self.model.forces[0]
             if self.jaw.follow(self._sweep[0], pace, press, seconds) is not Met.NOTHING:
                 del self._sweep[0]
             if not self._sweep:

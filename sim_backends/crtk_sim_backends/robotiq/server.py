@@ -24,6 +24,7 @@ def serve(config: SimConfig, parent_fd: int | None) -> LoopServer:
         band,
         activated=config.activated,
         lag=config.object_lag,
+        sweep_speed=config.sweep_speed,
         defects=config.gripper_defects,
     )
     end = b"\n" if config.urcap_newline else b""

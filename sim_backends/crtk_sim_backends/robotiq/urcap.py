@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from crtk_sim_backends.kit import Session
@@ -60,22 +61,31 @@ class UrcapSession:
         self._rest = b""
 
     def receive(self, data: bytes) -> bytes:
-        """Take received bytes and return the answers."""
-        self._gripper.heard()
-        answers = self._answers(data)
-        if self._distortion.strikes("unit_silent"):
-            return b""
-        if not self._distortion.delay:
-            return answers
-        self._later(self._distortion.delay, self, answers)
+        """Take received bytes; answers come later."""
+        for line, obey in self._requests(data):
+            is_set = line.upper().startswith(b"SET")
+            self._distortion.pass_on("request", partial(self._hear, obey, is_set), writes=is_set)
         return b""
 
-    def _answers(self, data: bytes) -> bytes:
-        if not self._rest and (digits := BARE.get(data)):
-            number = value(self._gripper, data[4:].decode())
-            return f"{number:0{digits}}".encode()
+    def _hear(self, obey: Callable[[], bytes], is_set: bool) -> None:
+        if not self._gripper.powered:
+            return
+        self._gripper.heard()
+        answer = obey()
+        if not answer or self._distortion.strikes("unit_silent"):
+            return
+        send = partial(self._later, self._distortion.delay, self, answer)
+        self._distortion.pass_on("answer", send, writes=is_set)
+
+    def _requests(self, data: bytes) -> list[tuple[bytes, Callable[[], bytes]]]:
+        """Return each request that is whole by now, and what carries it out and answers."""
+        if not self._rest and data in BARE:
+            return [(data, partial(self._tell_bare, data))]
         *lines, self._rest = (self._rest + data).split(b"\n")
-        return b"".join(self._obey(line.decode("ascii", "replace")) for line in lines)
+        return [(line, partial(self._obey, line.decode("ascii", "replace"))) for line in lines]
+
+    def _tell_bare(self, data: bytes) -> bytes:
+        return f"{value(self._gripper, data[4:].decode()):0{BARE[data]}}".encode()
 
     def close(self) -> None:
         """Forget an unfinished line."""

@@ -213,6 +213,81 @@ def test_text_in_both_dialects(ajar: RunningSim) -> None:
         assert ask(b"SET POS 300\n", 2) == b"?\n"
 
 
+MESSAGES: dict[str, tuple[bytes, bytes, bytes, bytes]] = {
+    "tool": (
+        hexed("09 03 07D0 0001 85CF"),
+        hexed("09 03 02 0000 5985"),
+        hexed("09 10 03E8 0003 06 0000 0000 0000 7330"),
+        hexed("09 10 03E8 0003 0130"),
+    ),
+    "modbus": (
+        hexed("0001 0000 0006 09 03 07D0 0001"),
+        hexed("0001 0000 0005 09 03 02 0000"),
+        hexed("0002 0000 000D 09 10 03E8 0003 06 0000 0000 0000"),
+        hexed("0002 0000 0006 09 10 03E8 0003"),
+    ),
+    "urcap": (b"GET STA\n", b"STA 0\n", b"SET ACT 0 GTO 0\n", b"ack"),
+}
+"""What reads, its answer, what writes, and its answer, by the port."""
+
+
+@pytest.mark.parametrize("port", list(MESSAGES))
+@pytest.mark.parametrize("part", ["request", "answer"])
+def test_one_message_is_lost_doubled_or_late(sim: RunningSim, port: str, part: str) -> None:
+    read, told, write, taken = MESSAGES[port]
+    heard_when_lost = 0 if part == "request" else 1
+    with talk(sim, port) as ask:
+
+        def heard_of(effect: str, answers: bytes, **more: Any) -> int:
+            """Write once, then read; return how many writes it has heard by the first answer."""
+            sim.control.clear()
+            before = status(sim, "writes")
+            assert ask(write, len(taken)) == taken
+            sim.control.inject("message", part=part, of="write", number=2, effect=effect, **more)
+            assert ask(write, len(taken)) == taken
+            ask(write, 0)
+            assert ask(read, len(told)) == answers[: len(told)]
+            heard = status(sim, "writes") - before - 2
+            assert ask(b"", len(answers) - len(told)) == answers[len(told) :]
+            assert ask(read, len(told)) == told, "nothing else comes"
+            return int(heard)
+
+        assert heard_of("lost", told) == heard_when_lost
+        assert heard_of("late", told + taken, seconds=0.5) == heard_when_lost
+        assert heard_of("doubled", 2 * taken + told) == (2 if part == "request" else 1)
+
+
+def test_a_message_of_any_kind_may_be_the_one(sim: RunningSim) -> None:
+    read, told, write, taken = MESSAGES["urcap"]
+    with talk(sim, "urcap") as ask:
+        sim.control.inject("message", number=2, effect="lost")
+        assert ask(write, len(taken)) == taken
+        ask(read, 0)
+        assert ask(write, len(taken)) == taken
+        assert ask(read, len(told)) == told
+
+
+def test_the_text_server_is_silent_without_power(sim: RunningSim) -> None:
+    with talk(sim, "urcap") as ask:
+        sim.control.inject("unpowered")
+        ask(b"GET STA\n", 0)
+        sent = status(sim, "time")
+        eventually(lambda: status(sim, "time") > sent + 0.2, "it has heard that")
+        sim.control.clear()
+        assert ask(b"GET OBJ\n", 6) == b"OBJ 0\n"
+
+
+def test_an_activation_may_be_slow() -> None:
+    with SIM.spawn(**FREE_PORTS, activated=False, sweep_speed=0.01) as slow:
+        begin = status(slow, "opening")
+        slow.control.inject("activated")
+        eventually(lambda: status(slow, "opening") > begin + 0.001, "it moves")
+        went, since = status(slow, "opening") - begin, time.monotonic()
+        eventually(lambda: status(slow, "opening") > begin + 0.003, "it goes on")
+        assert status(slow, "state") == "activating"
+        assert (status(slow, "opening") - begin - went) / (time.monotonic() - since) < 0.02
+
+
 def test_a_major_fault_stops_it_until_a_reset(ajar: RunningSim) -> None:
     with talk(ajar, "urcap") as ask:
         ask(b"SET ACT 1\n", 3)
