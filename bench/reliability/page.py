@@ -29,7 +29,8 @@ In each cell the state and its reason are announced, and the joints come to stan
 times and {SLACK:g} s more, which a busy machine may take: later, and the cell has failed. What was measured
 stands beside what is declared. Where the joints are is read at the simulator, not at the driver. When the
 fault is over and the link is back nothing moves, though the client goes on sending; what it sends is refused
-with a reason. Then the device can be enabled, which moves nothing, and carries out a move.
+with a reason. Then the device can be enabled, which moves nothing unless it must be activated first, and
+carries out a move.
 
 What is measured here is a simulator with the decelerations of its model, and drivers that are configured
 for a busy machine (longer timeouts than their defaults). It says how soon the driver, and the watchdog of

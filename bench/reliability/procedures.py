@@ -15,7 +15,7 @@ import numpy as np
 from bench.reliability.activities import MOVES, STANDING
 from bench.reliability.rig import PATIENCE, SLACK, BrokenPromiseError, Log, Rig
 from bench.reliability.table import Cell, Follows, Way
-from crtk_drivers.errors import CommandRefused
+from crtk_drivers.errors import CommandRefused, Reason
 
 CALM = 0.15
 """Seconds in which something that moves by itself would have begun to, with the link back."""
@@ -108,6 +108,7 @@ def _stood(rig: Rig, way: Way, began: float, result: Result) -> np.ndarray:
     result.stood = max(moving, default=began) - began
     start = looks[0].joints
     result.way = max(float(np.abs(look.joints - start).max(initial=0.0)) for look in looks)
+    rig.require(result.way <= way.far, f"a joint went on by {result.way:.4f}, of {way.far:g}")
     return rest
 
 
@@ -133,10 +134,11 @@ def _stands_at(rig: Rig, rest: np.ndarray, when: str) -> None:
 def _enables(rig: Rig) -> None:
     rig.stop_activity()
     # A joint without torque may still coast, slower than what counts as moving.
-    rest = rig.look().joints
+    rest, moves = rig.look().joints, rig.enable_moves
     rig.enable()
     rig.run(0.1)
-    _stands_at(rig, rest, "it was only enabled")
+    if not moves:
+        _stands_at(rig, rest, "it was only enabled")
     rig.be_homed()
     if "move_jp" in rig.engine.commands:
         goal = np.array(rig.arm.setpoint_jp(age=0))
@@ -216,9 +218,11 @@ def _restarted(rig: Rig, way: Way, activity: str) -> Result:
     """Closed in motion, the arm stands; a new driver is DISABLED and nothing moves."""
     rig.begin_activity(activity)
     began = time.monotonic()
-    rig.close_watched()
+    is_silent = rig.close_watched()
+    closed = rig.look().joints
     result = Result()
     rest = _stood(rig, way, began, result)
+    _has_said(rig, is_silent, closed, rest)
     rig.require(rig.powered() in (None, rig.keeps_power), f"power after close: {rig.powered()}")
     return _reopened(rig, rest, result)
 
@@ -303,21 +307,32 @@ def _obeys(rig: Rig, way: Way, activity: str) -> Result:
     began = rig.begin_fault(way)
     rig.stop_activity()
     result = Result()
-    if way.action == "close":
-        rig.close_watched()
-    elif way.action == "hold":
-        rig.arm.hold()
-    else:
-        rig.engine.state_command(way.action)
+    is_lost = is_silent = False
+    try:
+        if way.action == "close":
+            is_silent = rig.close_watched()
+        elif way.action == "hold":
+            rig.arm.hold()
+        else:
+            rig.engine.state_command(way.action)
+    except CommandRefused as refusal:
+        is_lost = way.may_lose_link and refusal.reason is Reason.NOT_CONNECTED
+        if not is_lost:
+            raise
+    then = rig.look().joints
     rest = _stood(rig, way, began, result)
     if way.action == "close":
+        _has_said(rig, is_silent, then, rest)
         rig.end_fault()
         rig.open()
     else:
         rig.until(lambda: rig.engine.transition_ended, PATIENCE, f"{way.action} ends")
+        stood = time.monotonic()
+        rig.until(lambda: _is_told(rig, stood), PATIENCE, "a sample comes, or it is FAULT")
         wanted = {"hold": "ENABLED", "pause": "PAUSED", "disable": "DISABLED"}[way.action]
         state, detail = rig.status.state, rig.status.detail
-        told = state == wanted or (state == "FAULT" and bool(detail))
+        fault = state == "FAULT" or (way.may_lose_link and state == "DISABLED")
+        told = (state == wanted and not is_lost) or (fault and bool(detail))
         rig.require(told, f"after {way.action} it is {state} ({detail})")
         result.state, result.detail = str(state), detail
     rig.run(CALM)
@@ -325,6 +340,19 @@ def _obeys(rig: Rig, way: Way, activity: str) -> Result:
     rig.end_fault()
     _enables(rig)
     return result
+
+
+def _has_said(rig: Rig, is_silent: bool, closed: np.ndarray, rest: np.ndarray) -> None:
+    """What goes on moving after `close()` has been said by it."""
+    far = float(np.abs(rest - closed).max(initial=0.0))
+    moved = f"close() said nothing, and a joint went on by {far:.4f}"
+    rig.require(not is_silent or far <= 2.0 * rig.tolerance, moved)
+
+
+def _is_told(rig: Rig, since: float) -> bool:
+    """Whether it has measured since then, or has said that it does not."""
+    found = rig.valid("measured_js")
+    return rig.status.state == "FAULT" or (found is not None and found[1].monotonic > since)
 
 
 PROCEDURES: Mapping[Follows, Callable[[Rig, Way, str], Result]] = {

@@ -118,7 +118,11 @@ class Rig(ABC):
         thorough: one fault is met in every activity in CI, too.
         tolerance: how far (rad, m) joints that stand may seem to move.
         belated: seconds in which a fault may still be told of that is over already.
-        runs_on: seconds for which it homes by itself at most, when nobody can stop it.
+        homes_on: seconds for which it homes by itself at most, when nobody can stop it.
+        services: those that move a device that is not ENABLED; a walk asks for them, too.
+        stop_time: declared s in which joints stand after a stop; what the driver declares if None. It does
+            not count where no stop can come to the hardware (`Way.runs_on`).
+        arrival: how far (rad, m) from its goal a move that began in motion may seem to be, in a walk.
     """
 
     name: ClassVar[str]
@@ -133,7 +137,10 @@ class Rig(ABC):
     defaults: ClassVar[Mapping[str, Any]] = {}
     tolerance: ClassVar[float] = 3e-3
     belated: ClassVar[float] = 0.0
-    runs_on: ClassVar[float] = 0.0
+    homes_on: ClassVar[float] = 0.0
+    services: ClassVar[tuple[str, ...]] = ()
+    stop_time: ClassVar[float | None] = None
+    arrival: ClassVar[float] = 0.1
     thorough: ClassVar[bool] = True
     second: ClassVar[str] = "in use"
     """Words with which a second host is refused."""
@@ -161,6 +168,11 @@ class Rig(ABC):
     def powered(self) -> bool | None:
         """Return whether a joint has power; None if the simulator cannot tell."""
         return None
+
+    @property
+    def enable_moves(self) -> bool:
+        """Whether `enable` would move the joints now, to make the device ready."""
+        return False
 
     @property
     def keeps_power(self) -> bool:
@@ -255,17 +267,24 @@ class Rig(ABC):
         found = self.engine.feedback(name)
         return None if found is None or found[1].wall_ns == 0 else found
 
-    def close_watched(self) -> None:
-        """End the session, and look at the joints meanwhile. What could not be confirmed may be said."""
+    def close_watched(self) -> bool:
+        """End the session, and look at the joints meanwhile; return whether it said nothing.
+
+        What could not be confirmed may be said.
+        """
+        said: list[DeviceError] = []
 
         def close() -> None:
-            with contextlib.suppress(DeviceError):
+            try:
                 self.driver.close()
+            except DeviceError as error:
+                said.append(error)
 
         self.activity = None
         closing = threading.Thread(target=close)
         closing.start()
         self.until(lambda: not closing.is_alive(), PATIENCE, "it is closed")
+        return not said
 
     def reopen(self) -> None:
         """End the session and begin another."""
@@ -451,7 +470,7 @@ class Rig(ABC):
         """Begin what it does, and wait until it does it."""
         self._streams = True
         start = self.look().joints
-        self.activity = Activity(name, self.arm, self._homeward(name))
+        self.activity = Activity(name, self.arm, self.homeward(name))
         if name in STANDING:
             return
 
@@ -468,10 +487,10 @@ class Rig(ABC):
             # On a busy machine a stream may stall, and its positions run away from the setpoint.
             self.ready()
             start = self.look().joints
-            self.activity = Activity(name, self.arm, self._homeward(name))
+            self.activity = Activity(name, self.arm, self.homeward(name))
         self.run(SPEED_UP)
 
-    def _homeward(self, name: str) -> Plan:
+    def homeward(self, name: str) -> Plan:
         """Return the plan in the direction of home; of the tool, in the other one than last time."""
         if name in OF_THE_TOOL:
             self._turned = not self._turned
@@ -479,6 +498,10 @@ class Rig(ABC):
         else:
             turned = bool((self.looks[-1].joints > self.home())[:1].any())
         return self.plan.reversed() if turned else self.plan
+
+    def plan_of_walk(self, name: str) -> Plan:
+        """Return the plan of an activity in a walk."""
+        return self.plan
 
     def pause_stream(self) -> None:
         """Send no more of the stream."""

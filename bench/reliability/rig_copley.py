@@ -133,7 +133,7 @@ class CopleyRig(Rig):
     absent = ABSENT
     plan = Plan(velocity=0.5, far=2.0, room=0.3)
     activities = (REST, *_MOVING)
-    runs_on = SEARCH
+    homes_on = SEARCH
     belated = TOLD
     values = {  # noqa: RUF012
         **_HOMED,

@@ -98,7 +98,7 @@ class GalilRig(Rig):
     absent = ABSENT
     plan = Plan(velocity=0.5, far=2.0, room=0.3)
     activities = (REST, *_MOVING)
-    runs_on = SEARCH
+    homes_on = SEARCH
     values = {  # noqa: RUF012
         **_HOMED,
         "sample_timeout": SAMPLES + HELD_UP,

@@ -18,7 +18,7 @@ from bench.reliability.rig_netft import NetFtRig
 from bench.reliability.rig_openhaptics import OpenHapticsRig
 from bench.reliability.rig_optoforce import OptoForceRig
 from bench.reliability.rig_raven import RavenRig
-from bench.reliability.rig_robotiq import RobotiqRig
+from bench.reliability.rig_robotiq import RobotiqRig, RobotiqUrcapRig
 from bench.reliability.rig_ros2_control import Ros2ControlRig
 from bench.reliability.rig_ur import UrNativeRig, UrRtdeRig
 
@@ -39,6 +39,7 @@ RIGS: dict[str, type[Rig]] = {
         NetFtRig,
         NdiRig,
         RobotiqRig,
+        RobotiqUrcapRig,
         Ft300Rig,
         OptoForceRig,
         RavenRig,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -76,6 +77,10 @@ class Way:
         detail: words that the reason must have.
         within: declared s from the fault until the state is announced.
         stands: declared s from the fault until the joints stand; the deceleration included.
+        far: how far (rad, m) a joint may go from the fault on.
+        runs_on: no stop comes to the hardware, which goes on to where it was sent last, or another sends it.
+        may_lose_link: for `Follows.OBEYS`, it may end the connection: a stop is refused until that is back,
+            where the joints that move are stopped.
         freezes: the joints stand in it whatever they did; what must stop them is judged from its end.
         lags: joints that it held back, no further than a following error, catch up when it is over.
         repair: name of a method of the rig that does what a person does besides.
@@ -93,6 +98,9 @@ class Way:
     detail: str = ""
     within: float = 0.1
     stands: float = 1.0
+    far: float = math.inf
+    runs_on: bool = False
+    may_lose_link: bool = False
     freezes: bool = False
     lags: bool = False
     repair: str = ""

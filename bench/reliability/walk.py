@@ -6,7 +6,7 @@ import math
 import random
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
@@ -16,6 +16,7 @@ import numpy as np
 from bench.reliability.activities import HOME, STREAMS, Activity
 from bench.reliability.rig import STILL, BrokenPromiseError, Rig
 from bench.reliability.table import Follows, Way
+from crtk_drivers.engine.services import Request
 from crtk_drivers.errors import CommandRefused, CrtkError
 from crtk_drivers.samples import JointState, Value
 from crtk_drivers.state import StateCommand
@@ -25,9 +26,6 @@ TURNS: Final = (0.02, 0.1, 0.3, 1.0, 3.0)
 
 LATE: Final = 1.0
 """Seconds that a busy machine may add to each declared time."""
-
-ARRIVAL: Final = 0.1
-"""How far (rad, m) from its goal a move that began in motion may seem to be."""
 
 _WALKED: Final = frozenset({Follows.STOPS, Follows.GOES_ON})
 
@@ -66,6 +64,9 @@ class Walk:
         self._told_by = -math.inf
         self._searches_until = -math.inf
         self._start = np.zeros(0)
+        self._far = 0.0
+        self._runs_on = False
+        self._requests: list[Request] = []
 
     # ------------------------------------------------------------------------------------------ steps
 
@@ -94,9 +95,18 @@ class Walk:
 
         def begin() -> None:
             self._start = self.rig.look().joints
-            self.rig.activity = Activity(activity, self.rig.arm, self.rig.plan)
+            plan = self.rig.plan_of_walk(activity)
+            self._far = plan.far
+            self.rig.activity = Activity(activity, self.rig.arm, plan)
 
         self._tried(begin)
+        self.go_on(0.1)
+
+    def service(self, name: str) -> None:
+        """Ask for a service that moves what is not ENABLED; it may be refused, and is not awaited."""
+        self.story.add("service", name)
+        self.rig.stop_activity()
+        self._tried(lambda: self._requests.append(self.rig.engine.request(name)))
         self.go_on(0.1)
 
     def end(self) -> None:
@@ -111,6 +121,7 @@ class Walk:
         self.story.add("fault", f"{way.fault} {way.name}")
         self.rig.begin_fault(way)
         self._fault = way
+        self._runs_on = way.runs_on
         self.go_on(0.1)
 
     def end_fault(self) -> None:
@@ -187,13 +198,23 @@ class Walk:
         moving = rig.status.state == "ENABLED" and (
             rig.status.is_busy or (rig.activity is not None and rig.activity.name in STREAMS)
         )
-        if moving or rig.engine.transition_ended is False:
+        self._runs_on &= self._fault is not None or not rig.connected
+        self._requests = [request for request in self._requests if not request.has_ended]
+        if (
+            moving
+            or rig.engine.transition_ended is False
+            or self._runs_on
+            or any(not request.broken_off_by for request in self._requests)
+        ):
             self._asked = now
             if rig.activity is not None and rig.activity.name == HOME:
-                self._searches_until = now + rig.runs_on
+                self._searches_until = now + rig.homes_on
         elif not rig.engine.connected and now < self._searches_until:
             self._asked = now
-        allowed = max(silent, policy.link_timeout) + policy.time + LATE
+        if rig.stop_time is None:
+            allowed = max(silent, policy.link_timeout) + policy.time + LATE
+        else:
+            allowed = silent + rig.stop_time + LATE
         if now - self._asked > allowed and not rig.still(STILL):
             recent = [look for look in rig.looks if look.at >= now - STILL]
             if len(recent) > 3:
@@ -221,8 +242,8 @@ class Walk:
         if str(activity.move.outcome) != "reached":
             return
         went = self.rig.looks[-1].joints - self._start
-        if abs(abs(went[0]) - self.rig.plan.far) > ARRIVAL:
-            raise self.broken(f"move_jp is reached, but went {went[0]:.3f} of {self.rig.plan.far}")
+        if abs(abs(went[0]) - abs(self._far)) > self.rig.arrival:
+            raise self.broken(f"move_jp is reached, but went {went[0]:.3f} of {self._far:.3f}")
         activity.move = None
 
     def _check_refusals(self) -> None:
@@ -258,7 +279,7 @@ def wander(walk: Walk, generator: random.Random) -> None:
     """Take one step at random."""
     rig = walk.rig
     ways = walkable(type(rig))
-    choices: Mapping[str, tuple[int, Callable[[], None]]] = {
+    choices: dict[str, tuple[int, Callable[[], None]]] = {
         "state": (2, lambda: walk.state_command(generator.choice(list(StateCommand)))),
         "enable": (4, lambda: walk.state_command("enable")),
         "hold": (1, walk.hold),
@@ -269,6 +290,8 @@ def wander(walk: Walk, generator: random.Random) -> None:
         "go on": (6, lambda: walk.go_on(generator.choice(TURNS))),
         "restart": (1, walk.restart),
     }
+    if rig.services:
+        choices["service"] = (3, lambda: walk.service(generator.choice(rig.services)))
     names = list(choices)
     chosen = generator.choices(names, [choices[name][0] for name in names])[0]
     choices[chosen][1]()

@@ -48,6 +48,11 @@ class Request:
         self._text = ""
         self._error: CrtkError | None = None
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has, with whatever answer."""
+        return self._ended.is_set()
+
     def finish(self, text: str = "", error: CrtkError | None = None) -> None:
         """Record the answer, if there is none yet."""
         if not self._ended.is_set():

@@ -11,7 +11,7 @@ from typing import ClassVar
 import pytest
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
 from bench.reliability.rig import Rig
 from bench.reliability.rigs import RIGS
@@ -44,6 +44,11 @@ class PromiseMachine(RuleBasedStateMachine):
     @rule(data=st.data())
     def begin(self, data: st.DataObject) -> None:
         self.walk.begin(data.draw(st.sampled_from(self.rig.activities)))
+
+    @precondition(lambda self: self.rig.services)
+    @rule(data=st.data())
+    def service(self, data: st.DataObject) -> None:
+        self.walk.service(data.draw(st.sampled_from(self.rig.services)))
 
     @rule()
     def end(self) -> None:
