@@ -414,13 +414,18 @@ class Intake:
             self._board.announce()
             raise told from refusal.__cause__
 
-    def request(self, name: str) -> Request:
+    def request(self, name: str, received_ns: int = 0) -> Request:
         """Ask for one of the `services`. One of ours is carried out at once, whatever the device does.
 
         One that is a stop takes the place of what runs.
 
+        Args:
+            name: of the service.
+            received_ns: see `submit`; of one that moves, and of a stop.
+
         Raises:
-            CommandRefused: there is no such service, one is running, or the device is not connected.
+            CommandRefused: there is no such service, one is running, the device is not connected, or one
+                that moves came before a stop.
         """
         service = self.services.get(name)
         if isinstance(service, OwnService):
@@ -428,11 +433,14 @@ class Intake:
         if service is not None and service.stops:
             with self._board.lock:
                 self._stops += 1
-                self._note_newest()
+                self._note_newest(received_ns)
             self._waiting.end(f"by {name}", Outcome.PREEMPTED)
             self._transitions.break_off(name)
         try:
-            return self._requests.ask(name)
+            with self._board.lock:  # no stop comes between the two
+                if service is not None and service.moves:
+                    self._require_newest(name, received_ns)
+                return self._requests.ask(name)
         except CommandRefused as refusal:
             self._board.refused(refusal)
             raise

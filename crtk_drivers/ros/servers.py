@@ -163,7 +163,8 @@ class DeviceServices:
             spun = SpunNode(context, node_name, namespace, f"{node_name} {engine.name}")
             self._spun.append(spun)
             for name in names:
-                self.services[name] = spun.node.create_service(Trigger, name, self._answer(name))
+                served = UnlockedService(spun.node, Trigger, name, self._answer(name))
+                self.services[name] = served.service
 
     def start(self) -> None:
         """Begin to serve."""
@@ -175,15 +176,16 @@ class DeviceServices:
         for spun in self._spun:
             spun.stop(timeout)
 
-    def _answer(self, name: str) -> Callable[[Any, Any], Any]:
-        def respond(request: Any, response: Any) -> Any:
+    def _answer(self, name: str) -> Callable[[Any, Callable[[Any], None], int], None]:
+        def respond(request: Any, reply: Callable[[Any], None], received_ns: int) -> None:
             limit = self._engine.capabilities.transition_timeout + 1.0
+            response = Trigger.Response()
             try:
                 self._admit(name)
-                response.message = self._engine.request(name).wait(limit)
+                response.message = self._engine.request(name, received_ns).wait(limit)
                 response.success = True
             except CrtkError as error:
                 response.success, response.message = False, str(error)
-            return response
+            reply(response)
 
         return respond

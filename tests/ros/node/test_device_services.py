@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from types import MappingProxyType
 from typing import Any
@@ -18,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from crtk_drivers.commands import Payload
 from crtk_drivers.device import Answer, Input, Note, Reading, Service, Severity
+from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.plugins import DevicePlugin
 from crtk_drivers.ros import qos
@@ -36,11 +38,13 @@ class Scale(LoopbackDevice):
     told: Mapping[str, Value | None] = MappingProxyType({})
     taring = threading.Event()
     go = threading.Event()
+    sweeps = 0
 
     @property
     def services(self) -> Mapping[str, Service]:
         return {
             "tare": Service("make the present load zero", self._tare),
+            "sweep": Service("move from end to end", self._sweep, moves=True),
             "halt": Service("a stop of its own", self._halt, stops=True),
         }
 
@@ -85,6 +89,11 @@ class Scale(LoopbackDevice):
         while not self.go.is_set():
             yield
         return "tared"
+
+    def _sweep(self) -> Answer:
+        self.sweeps += 1
+        yield
+        return "swept"
 
     def _halt(self) -> Answer:
         yield
@@ -148,6 +157,52 @@ def test_one_that_is_a_stop_waits_for_no_other(rig: Rig) -> None:
     assert "by halt" in futures["tare"].result().message
     (own, *_) = interfaces(device, client.namespace)
     assert f"{client.namespace}/{STOPS_NODE_NAME}" in own.nodes
+
+
+@pytest.mark.parametrize("stop", ["hold", "pause", "disable", "halt"])
+def test_one_that_moves_from_before_a_stop_is_refused(rig: Rig, stop: str) -> None:
+    client, device, engine = rig.client, device_of(rig), rig.session.engine
+    client.reach("enable", "ENABLED")
+    device.taring.clear()
+    device.go.clear()
+    callers = [
+        client.node.create_client(Trigger, f"{client.namespace}/{name}")
+        for name in ("tare", "sweep", "halt")
+    ]
+    assert all(caller.wait_for_service(LONG) for caller in callers)
+    before = device.sweeps
+    tared = callers[0].call_async(Trigger.Request())
+    assert device.taring.wait(LONG)
+    swept = callers[1].call_async(Trigger.Request())  # behind the one that takes its time
+    with heard(engine, "hold") as held:
+        if stop == "hold":
+            client.send("hold", Empty())
+            assert held.wait(LONG)
+        elif stop == "halt":
+            halted = callers[2].call_async(Trigger.Request())
+            eventually(halted.done, "halted")
+        else:
+            client.reach(stop, {"pause": "PAUSED", "disable": "DISABLED"}[stop])
+    device.go.set()
+    eventually(lambda: tared.done() and swept.done(), "both are answered")
+    assert device.sweeps == before, "it moved"
+    assert not swept.result().success
+    assert "came before it was carried out" in swept.result().message
+    assert engine.health().refusals["sweep: too_old"]
+    assert client.trigger("sweep").success
+    client.reach("disable", "DISABLED")
+
+
+@contextmanager
+def heard(engine: Engine, name: str) -> Iterator[threading.Event]:
+    """Give what is set once the engine is told to carry out a command."""
+    event = threading.Event()
+    before = engine.hearers
+    engine.hearers = (*before, lambda told, *_: told == name and event.set())
+    try:
+        yield event
+    finally:
+        engine.hearers = before
 
 
 def test_an_input_is_a_topic(rig: Rig) -> None:
