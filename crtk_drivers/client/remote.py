@@ -14,6 +14,7 @@ What differs from `crtk_drivers.front.LocalDevice`, because there is a network i
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -31,6 +32,7 @@ from crtk_drivers.errors import (
     ConnectionFailed,
     ConnectionLost,
     DataTimeout,
+    StopUnconfirmed,
 )
 from crtk_drivers.front.base import PARTS, DeviceFront, OfferedDoc, Reader, did_you_mean
 from crtk_drivers.front.method_forms import documented, form_of
@@ -54,6 +56,12 @@ SERVICE_TIMEOUT = 5.0
 """Seconds in which a service must answer, unless `timeout` says otherwise."""
 GRACE = 0.1
 """Seconds in which the refusal of `hold` or `free` arrives: there is no other answer to them."""
+CONFIRM_TIMEOUT = 2.0
+"""Seconds in which those who listen confirm that a stop, or `free`, has arrived."""
+ANSWER_TIMEOUT = 0.3
+"""Seconds in which all who listen confirm a stop; else the device is asked whether it is there."""
+
+logger = logging.getLogger(__name__)
 
 
 class RemoteDevice(DeviceFront, AnyDevice):
@@ -369,10 +377,39 @@ class RemoteDevice(DeviceFront, AnyDevice):
             if sender is None:
                 if not self._space.hears_status:
                     outbox.send(None)
+                    self._require_arrival(command.name, outbox)
                 sender = self._plain_sender(command, outbox, self._tracker())
             sender()
 
         return hold
+
+    def _require_arrival(self, name: str, outbox: Outbox) -> None:
+        """Make sure that what was sent has arrived: a stop may be the last thing before a link is closed.
+
+        Somebody else who listens and stands still, is no reason to fail while the device answers.
+
+        Raises:
+            StopUnconfirmed: nobody confirmed a stop.
+            ConnectionLost: nor anything else.
+        """
+        if outbox.confirmed(ANSWER_TIMEOUT):
+            return
+        listeners = outbox.listeners
+        if listeners > 1 and self._space.answers(ANSWER_TIMEOUT):
+            text = "%s: %s was sent, and one of the %d who listen has not confirmed it; the device answers"
+            logger.warning(text, self.namespace, name, listeners)
+            return
+        if outbox.confirmed(CONFIRM_TIMEOUT - ANSWER_TIMEOUT):
+            return
+        is_stop = name == "hold" or name in STOPS
+        raise (StopUnconfirmed if is_stop else ConnectionLost)(
+            f"{name} was sent, and "
+            + ("nobody" if listeners <= 1 else f"not all of the {listeners} who listen")
+            + f" confirmed it in {CONFIRM_TIMEOUT:g} s",
+            where=self.namespace,
+            remedy="Is the link gone, or does the driver stand still? "
+            + ("If it moves, press its emergency stop." if is_stop else "Send it again."),
+        )
 
     def _plain_sender(
         self, command: Command, outbox: Outbox, tracker: StatusTracker | None
@@ -380,15 +417,17 @@ class RemoteDevice(DeviceFront, AnyDevice):
         def carry_out(send: Callable[[], object]) -> None:
             if tracker is None:
                 send()
-                return
-            watch = tracker.watch()
-            try:
-                send()
-                watch.raise_refusal(command.name, GRACE)
-            finally:
-                tracker.unwatch(watch)
+            else:
+                watch = tracker.watch()
+                try:
+                    send()
+                    watch.raise_refusal(command.name, GRACE)
+                finally:
+                    tracker.unwatch(watch)
             if command.level is Level.STATE:
-                tracker.replace(command.name)
+                self._require_arrival(command.name, outbox)
+                if tracker is not None:
+                    tracker.replace(command.name)
 
         if command.payload is Payload.EMPTY:
             return lambda: carry_out(lambda: outbox.send(None))
@@ -492,6 +531,7 @@ class RemoteDevice(DeviceFront, AnyDevice):
             known = heard.latest.state if heard is not None and heard.has_status else None
             if wanted in STOPS:  # at once, whatever is heard of the device, and again below
                 outbox.send(str(wanted.value))
+                self._require_arrival(wanted.value, outbox)
             tracker = space.status()
         except NotOffered as error:
             raise ConnectionFailed(str(error)) from None
@@ -504,6 +544,8 @@ class RemoteDevice(DeviceFront, AnyDevice):
                 return  # it has stopped since: one that tells changes only would tell no more
             stamp = time.time_ns()
             outbox.send(str(wanted.value), stamp=stamp)
+            if wanted in STOPS or timeout <= 0.0:
+                self._require_arrival(wanted.value, outbox)
             if timeout > 0.0:
                 transition = Transition(wanted, before, target)
                 transition.wait(watch, deadline, self.namespace, stamp)

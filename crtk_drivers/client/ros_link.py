@@ -18,6 +18,8 @@ from typing import Any
 import rclpy
 from crtk_msgs.srv import TriggerOperatingState
 from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -102,10 +104,28 @@ class Outbox:
         """Whether `message` is a ready message of the topic's type."""
         return isinstance(message, self._type)
 
+    def confirmed(self, timeout: float) -> bool:
+        """Whether all who listen reliably confirm within `timeout` s that they have what was sent.
+
+        DDS confirms it: no callback has to run here or there. A middleware that cannot tell is believed.
+        """
+        try:
+            return bool(self._publisher.wait_for_all_acked(Duration(seconds=timeout)))
+        except InvalidHandle:
+            return False  # it was closed meanwhile
+        except RuntimeError as error:
+            logger.debug("%s: it is not told whether a message arrived: %s", self.topic, error)
+            return True
+
+    @property
+    def listeners(self) -> int:
+        """How many listen, reliably or not."""
+        return int(self._publisher.get_subscription_count())
+
     @property
     def connected(self) -> bool:
         """Whether somebody listens."""
-        return bool(self._publisher.get_subscription_count())
+        return bool(self.listeners)
 
 
 class Caller:
@@ -373,7 +393,9 @@ class Link:
         with self._lock:
             if topic not in self._outboxes:
                 # Volatile: a driver that starts later must not get the commands of before.
-                publisher = self.node.create_publisher(kind, topic, qos.DATA)
+                once = payload in (Payload.EMPTY, Payload.TEXT)
+                profile = qos.CONFIRMED if once else qos.DATA
+                publisher = self.node.create_publisher(kind, topic, profile)
                 self._outboxes[topic] = Outbox(topic, publisher, kind)
             return self._outboxes[topic]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from crtk_drivers.client.announcements import StatusTracker
 from crtk_drivers.client.discovery import POLL, SETTLE, Catalogue, Feature
 from crtk_drivers.commands import ROS_TYPES, Direction, Payload
-from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.errors import ConnectionFailed, CrtkError
 from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.front.base import did_you_mean
 
@@ -320,6 +320,16 @@ class Space:
         except RuntimeError:  # rclpy's, where somebody has destroyed the node that was given to us
             return "closed"
         return f"lost: {lost}" if lost else str(space.tracker.latest.state)
+
+    def answers(self, timeout: float) -> bool:
+        """Whether the service that tells the operating state answers within `timeout` s."""
+        teller = self.state_teller
+        try:
+            service = teller.feature("operating_state").topic
+            teller.link.state_caller(service).operating_state(timeout)
+        except CrtkError:
+            return False
+        return True
 
     @property
     def hears_status(self) -> bool:

@@ -56,6 +56,12 @@ STOPS = _profile(1000, DurabilityPolicy.VOLATILE)
 INCREMENTS = _profile(200, DurabilityPolicy.VOLATILE)
 """For relative commands: a lost one is lost motion. 200 of them are 0.4 s at 500 Hz."""
 
+CONFIRMED = _profile(1, DurabilityPolicy.VOLATILE)
+"""For who sends a stop, or something else once, and wants to know that it arrived.
+
+Fast DDS asks for that with each message where its history is full, as this one always is, else every 3 s.
+"""
+
 STOPPING = frozenset({"state_command", "hold"})
 """Commands that are stops, or may be."""
 
