@@ -96,6 +96,29 @@ class FollowingWatch:
                 )
         return ""
 
+    def has_settled(self, measured: Vector) -> bool:
+        """Whether the joints are where they were sent last, and nothing else can be on its way to them.
+
+        Of all that was in force within `Following.lag`, nothing led away from there: else they may be there
+        still, and not yet again. Asked right after `trouble`.
+
+        Args:
+            measured: (n,) position.
+        """
+        sent = self._sent
+        if not sent or measured.size != len(self._arrival):
+            return False
+        newest = sent[-1][1]
+        if self._is_off(measured.tolist(), newest):
+            return False
+        were_off = [self._is_off(values, newest) for _, values in sent]
+        return were_off == sorted(were_off, reverse=True)
+
+    def _is_off(self, position: list[float], goal: list[float]) -> bool:
+        """Whether a joint is further from the goal than where a move ends."""
+        ways = zip(position, goal, self._arrival, strict=True)
+        return not all(abs(here - there) <= near for here, there, near in ways)
+
     def missing(self, measured: Vector, goal: Vector) -> str:
         """Return which joint is not at the end of a move, in words; empty if all are."""
         if not self._declared or measured.size != goal.size:

@@ -101,6 +101,8 @@ class Output:
                 where=context.where,
                 remedy="Look at what holds it, and whether commands arrive at it; then send enable.",
             )
+        if context.stopping.waits_for_lag(at) and self._follows.has_settled(measured.position):
+            context.stopping.settled(at)
 
     def _is_held(self, now: float) -> bool:
         """Whether the joints are to stay where the last transition ended: nothing was sent since."""

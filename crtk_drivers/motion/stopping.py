@@ -95,7 +95,9 @@ class Stopping:
         following = capabilities.following
         self._lag = _LAG if following is None else following.lag
         self._seen_from = -math.inf  # a sample that was acquired later shows what was sent last
+        self._motion_sent = -math.inf
         self._asked = -math.inf
+        self._resting = 2.0 / capabilities.rate  # nothing was sent for so long
         self._longest_look = HELD_UP + 2.0 / capabilities.rate
         self._passed = self._watched_for = self._counted = 0.0
         self._sent = -math.inf
@@ -145,7 +147,8 @@ class Stopping:
             lasts: it has no end of its own, as a velocity or an effort; a stop that is read back ends it.
         """
         self._was_sent, self._is_let_go = self.can_move, False
-        self._seen_from = math.inf if lasts else self._clock() + self._lag
+        self._motion_sent = self._clock()
+        self._seen_from = math.inf if lasts else self._motion_sent + self._lag
 
     def let_go(self) -> None:
         """It moves freely: what has no end of its own has come to one, and it is on its way to nowhere."""
@@ -157,6 +160,23 @@ class Stopping:
         """What was sent has been carried out, as was measured: the first sample in which it stands counts."""
         self._seen_from = -math.inf
         self._was_sent = self._was_sent and bool(self._moving)
+
+    def waits_for_lag(self, at: float) -> bool:
+        """Whether a motion that was sent may not show yet in a sample of `at`, in which the joints stand.
+
+        While a stream goes on, nobody asks.
+        """
+        if not self._was_sent or self._moving:
+            return False
+        return self._motion_sent + self._resting < at <= self._seen_from < math.inf
+
+    def settled(self, at: float) -> None:
+        """The joints were measured where they were sent last: the next sample in which they stand counts.
+
+        Args:
+            at: monotonic seconds at which that was acquired.
+        """
+        self._seen_from = min(self._seen_from, at)
 
     def begin_anew(self) -> None:
         """Give a stop that was not read back its time once more: after a connection, or once power is off."""

@@ -5,6 +5,7 @@ The simulator's process is stopped (SIGSTOP): what the driver sends then waits, 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -39,6 +40,15 @@ ARMS: Final = tuple(
     for name, rig in RIGS.items()
     if "servo_jp" in rig.activities and name not in ("virtual", "loopback")
 )
+STEPS: Final = 50
+STEP: Final = 0.01
+"""Seconds from one setpoint of a stream to the next."""
+SPARE: Final = 0.2
+"""Seconds for the last setpoint to be sent."""
+SAMPLES: Final = 4
+"""Of joints that stand, until they are believed to."""
+FADED: Final = 0.2
+"""Seconds after a move in which fingers that rest seem to move still."""
 MOVED: Final = tuple(dict.fromkeys((*GRIPPERS, *ARMS)))
 
 
@@ -123,3 +133,47 @@ def test_close_is_silent_about_a_move_that_ended(name: str) -> None:
             rig.driver.close()
         finally:
             _thaw(rig)
+
+
+@pytest.mark.parametrize("name", _marked(*ARMS))
+def test_close_is_silent_about_a_stream_that_ended(name: str) -> None:
+    """Joints that were measured to stand where the stream ended are not on their way."""
+    with ALL[name]() as rig:
+        far = _ready(rig)
+        goal = np.array(rig.arm.measured_jp(age=0))
+        for _ in range(STEPS):
+            goal[0] += far / STEPS
+            rig.arm.servo_jp(goal)
+            rig.engine.wait_for(lambda: False, STEP)
+
+        following = rig.engine.capabilities.following
+        assert following is not None
+        over = time.monotonic() + following.lag + SPARE
+
+        def has_arrived() -> bool:
+            """A servo that hangs below its goal counts once its lag is over."""
+            here = np.array(rig.arm.measured_jp(age=0))
+            is_near = bool((np.abs(here - goal) < following.arrival).all())
+            is_there = is_near and rig.engine.device.has_arrived
+            return _stands(rig) and (is_there or time.monotonic() > over)
+
+        eventually(has_arrived, "it stands where it was sent")
+        samples = rig.engine.health().samples
+        eventually(lambda: rig.engine.health().samples > samples + SAMPLES, "it was read so")
+        try:
+            _freeze(rig)
+            _lost(rig)
+            rig.driver.close()
+        finally:
+            _thaw(rig)
+
+
+@pytest.mark.parametrize("name", _marked(*GRIPPERS))
+def test_fingers_at_rest_are_measured_to_stand_soon(name: str) -> None:
+    """Their velocity is found from an opening in steps, and smoothed: it would fade for 0.3 s."""
+    with ALL[name]() as rig:
+        send = _begin(rig, _ready(rig))
+        assert send().wait(PATIENCE)
+        ended = time.monotonic()
+        eventually(lambda: _stands(rig), "it stands")
+        assert time.monotonic() - ended < FADED

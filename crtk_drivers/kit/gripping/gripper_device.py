@@ -166,7 +166,7 @@ class GripperDevice(Device):
         if position is None:
             return Sample(stamp, {})
         if velocity is None:
-            velocity = self._rate.at(stamp.monotonic, position)
+            velocity = self._rate.at(stamp.monotonic, position, rests=self.has_arrived)
         names = self.capabilities.joints
         efforts = vector([] if effort is None else [effort])
         state = JointState(vector([position]), vector([velocity]), efforts, name=names)

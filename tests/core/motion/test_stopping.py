@@ -584,6 +584,49 @@ def test_a_stream_that_rests_is_no_motion_at_closing() -> None:
     rig.engine.shut_down()
 
 
+LATE = replace(FOLLOWING, lag=1.0)
+
+
+def late_rig() -> Rig:
+    """A device that may take a second, and is there at once."""
+    options = EngineOptions(limits=LimitPolicy(max_step=0.5))
+    return Rig(options, two_joints(following=LATE)).enabled()
+
+
+def test_a_stream_seen_at_its_end_is_no_motion() -> None:
+    rig = late_rig()
+    for step in range(10):
+        rig.servo(0.01 * (step + 1), 0.0)
+        rig.cycle()
+    rig.cycle(5)
+    assert rig.device.position[0] == pytest.approx(0.1)
+    rig.disconnect("the link is gone")
+    rig.engine.shut_down()
+
+
+@pytest.mark.parametrize("back", [0.0, 0.005])
+def test_a_stream_out_and_back_counts_until_its_lag_is_over(back: float) -> None:
+    """The joints are where they are sent, but may not have begun to go there."""
+    rig = late_rig()
+    for position in (0.1, back):
+        rig.servo(position, 0.0)
+        rig.cycle()
+    rig.cycle(5)
+    assert rig.device.position[0] == pytest.approx(back)
+    rig.disconnect("the link is gone")
+    with pytest.raises(StopUnconfirmed, match="it was sent a motion, and not seen since"):
+        rig.engine.shut_down()
+
+
+def test_joints_beside_their_goal_count_as_on_their_way() -> None:
+    rig = Stuck(late=100, writes_every_cycle=True).enabled()
+    rig.servo(0.1, 0.0)
+    rig.cycle(2)
+    rig.disconnect("the link is gone")
+    with pytest.raises(StopUnconfirmed, match="it was sent a motion, and not seen since"):
+        rig.engine.shut_down()
+
+
 def test_an_effort_lasts_until_its_stop_is_seen() -> None:
     rig = Rig().enabled()
     for _ in range(40):
