@@ -181,6 +181,7 @@ class Reason(StrEnum):
     BAD_QUATERNION = "bad_quaternion"
     WRONG_FRAME = "wrong_frame"
     TOO_OLD = "too_old"
+    LOST = "lost"
     FROM_FUTURE = "from_future"
     NOT_MEASURED = "not_measured"
     OUT_OF_RANGE = "out_of_range"

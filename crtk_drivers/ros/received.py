@@ -51,11 +51,13 @@ class Received(NamedTuple):
         data: as CDR.
         sender: its publisher.
         received_ns: when it came, since the epoch; 0 if the middleware does not say.
+        lost: how many of its sender came before it, since the last one that was read, and were not read.
     """
 
     data: bytes
     sender: Sender
     received_ns: int
+    lost: int = 0
 
 
 class Messages:
@@ -100,9 +102,10 @@ class Messages:
             raise RuntimeError(f"DDS did not hand over a message: {text}")
         data = ctypes.string_at(wire.buffer, wire.length)
         sender = self._senders.of(self._topic, bytes(info.gid))
-        number = info.publication_sequence_number
-        sender.sent = sender.sent + 1 if number == _NOT_COUNTED else number
-        return Received(data, sender, info.received_timestamp)
+        before, number = sender.sent, info.publication_sequence_number
+        sender.sent = before + 1 if number == _NOT_COUNTED else number
+        lost = max(0, sender.sent - before - 1) if before else 0
+        return Received(data, sender, info.received_timestamp, lost)
 
 
 class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no types

@@ -102,6 +102,8 @@ class CommandTopics:
             return self._state_command
         if payload is Payload.EMPTY:
             return lambda message: self._submit(name, message)
+        if command.is_relative:
+            return lambda message: self._submit_increment(name, payload, message)
         return lambda message: self._submit_value(name, payload, message)
 
     def _state_command(self, message: Received) -> None:
@@ -136,6 +138,21 @@ class CommandTopics:
         self._admit(name)
         value, stamp = self.read(name, payload, message.data)
         self._engine.submit(name, value, stamp, message.sender, message.received_ns)
+
+    def _submit_increment(self, name: str, payload: Payload, message: Received) -> None:
+        """Carry one out, and tell of those before it that were lost: each of them is motion."""
+        if message.lost:
+            self._engine.report_refusal(
+                CommandRefused(
+                    name,
+                    Reason.LOST,
+                    f"{message.lost} of {message.sender.name} came and were dropped, unread",
+                    where=self._engine.where,
+                    remedy="Send fewer: the driver keeps 200 of them until it reads them. "
+                    "Look where the device is before you go on.",
+                )
+            )
+        self._submit_value(name, payload, message)
 
     def read(self, name: str, payload: Payload, data: bytes) -> tuple[Value, int]:
         """Return the value of a message, in the device's own frame, and its stamp."""

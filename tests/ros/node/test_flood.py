@@ -33,6 +33,26 @@ An executor that all commands go through takes 0.6 s and more on an idle one.
 """
 
 
+KEPT = 200
+"""Increments that DDS keeps."""
+SENDERS = 400
+INCREMENT = 1e-5
+MANY = """
+import sys, time, rclpy
+from sensor_msgs.msg import JointState
+rclpy.init()
+node = rclpy.create_node("many")
+made = [node.create_publisher(JointState, sys.argv[1], 10) for _ in range(int(sys.argv[2]))]
+while not all(each.get_subscription_count() for each in made):
+    time.sleep(0.01)
+for number, each in enumerate(made):
+    each.publish(JointState(position=[0.0, float(sys.argv[3]), 0.0, 0.0]))
+    time.sleep(0.001)
+print("sent", flush=True)
+sys.stdin.read()
+"""
+
+
 def joints(*position: float) -> JointState:
     return JointState(position=list(position))
 
@@ -128,6 +148,46 @@ def test_no_increment_is_lost_beside_an_absolute_stream(rig: Rig) -> None:
         for _ in range(100):
             rig.client.send("servo_jr", joints(0.0, 1e-4, 0.0, 0.0))
     inbox.wait(lambda m: abs(m.position[1] - before - 0.01) < 1e-6, inbox.mark())
+
+
+def test_lost_increments_are_told(rig: Rig) -> None:
+    """DDS keeps 200 of them until they are read, and they are motion."""
+    rig.client.reach("enable", "ENABLED")
+    inbox = rig.client["setpoint_js"]
+    before = inbox.wait(since=inbox.mark()).position[1]
+    since = rig.client["refusals"].mark()
+    count = refused(rig, "servo_jr", "lost")
+    with busy_commands(rig):
+        for _ in range(KEPT + 50):
+            rig.client.send("servo_jr", joints(0.0, 1e-4, 0.0, 0.0))
+    inbox.wait(lambda m: abs(m.position[1] - before - KEPT * 1e-4) < 1e-6, inbox.mark())
+    assert refused(rig, "servo_jr", "lost") == count + 1
+    told = rig.client["refusals"].wait(lambda m: '"lost"' in m.data, since)
+    assert "50 of the node /" in told.data
+    report = rig.client["/diagnostics"]
+    report.wait(
+        lambda m: any(
+            value.key == "refused servo_jr: lost" for each in m.status for value in each.values
+        )
+    )
+    rig.client.reach("disable", "DISABLED")
+
+
+def test_hundreds_of_senders_lose_no_increment(rig: Rig) -> None:
+    """Of one node, which the graph has to be asked for."""
+    rig.client.reach("enable", "ENABLED")
+    script = [sys.executable, "-c", MANY, f"{NAMESPACE}/servo_jr", str(SENDERS), str(INCREMENT)]
+    inbox = rig.client["setpoint_js"]
+    before = inbox.wait(since=inbox.mark()).position[1]
+    with subprocess.Popen(script, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        try:
+            assert child.stdout is not None
+            assert child.stdout.readline() == b"sent\n"
+            moved = SENDERS * INCREMENT
+            inbox.wait(lambda m: abs(m.position[1] - before - moved) < 1e-9, inbox.mark())
+        finally:
+            child.kill()
+    rig.client.reach("disable", "DISABLED")
 
 
 @contextmanager
