@@ -151,6 +151,8 @@ class Commander:
         self._state = message.state
 
     def _take_joints(self, message: Any) -> None:
+        if not message.velocity:
+            return  # nothing was measured yet
         stamp = message.header.stamp
         self._heard.append((stamp.sec + 1e-9 * stamp.nanosec, abs(message.velocity[0])))
 

@@ -15,6 +15,7 @@ What differs from `crtk_drivers.front.LocalDevice`, because there is a network i
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -58,6 +59,8 @@ GRACE = 0.1
 """Seconds in which the refusal of `hold` or `free` arrives: there is no other answer to them."""
 CONFIRM_TIMEOUT = 2.0
 """Seconds in which those who listen confirm that a stop, or `free`, has arrived."""
+REPEAT = 0.1
+"""Seconds after which a stop that was not confirmed is sent again."""
 ANSWER_TIMEOUT = 0.3
 """Seconds in which all who listen confirm a stop; else the device is asked whether it is there."""
 
@@ -386,22 +389,30 @@ class RemoteDevice(DeviceFront, AnyDevice):
     def _require_arrival(self, name: str, outbox: Outbox) -> None:
         """Make sure that what was sent has arrived: a stop may be the last thing before a link is closed.
 
-        Somebody else who listens and stands still, is no reason to fail while the device answers.
+        A stop is sent again meanwhile: what a full socket drops, Fast DDS sends again only after 3 s.
+        Somebody else who listens and stands still is no reason to fail while the device answers.
 
         Raises:
             StopUnconfirmed: nobody confirmed a stop.
             ConnectionLost: nor anything else.
         """
-        if outbox.confirmed(ANSWER_TIMEOUT):
-            return
-        listeners = outbox.listeners
-        if listeners > 1 and self._space.answers(ANSWER_TIMEOUT):
-            text = "%s: %s was sent, and one of the %d who listen has not confirmed it; the device answers"
-            logger.warning(text, self.namespace, name, listeners)
-            return
-        if outbox.confirmed(CONFIRM_TIMEOUT - ANSWER_TIMEOUT):
-            return
         is_stop = name == "hold" or name in STOPS
+        deadline = time.monotonic() + CONFIRM_TIMEOUT
+        asks_at = time.monotonic() + ANSWER_TIMEOUT
+        while not outbox.confirmed(REPEAT):
+            now, listeners = time.monotonic(), outbox.listeners
+            if now >= deadline:
+                break
+            if listeners > 1 and now >= asks_at:
+                if self._space.answers(ANSWER_TIMEOUT):
+                    text = "%s: %s was sent, and one of the %d who listen has not confirmed it; "
+                    logger.warning(f"{text}the device answers", self.namespace, name, listeners)
+                    return
+                asks_at = math.inf
+            if is_stop and listeners:
+                outbox.publish(None if name == "hold" else str(name))
+        else:
+            return
         raise (StopUnconfirmed if is_stop else ConnectionLost)(
             f"{name} was sent, and "
             + ("nobody" if listeners <= 1 else f"not all of the {listeners} who listen")

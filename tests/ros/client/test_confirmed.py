@@ -7,9 +7,11 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -34,7 +36,7 @@ import sys, rclpy
 from std_msgs.msg import Empty
 rclpy.init()
 node = rclpy.create_node("recorder")
-node.create_subscription(Empty, sys.argv[1], id, 10)
+node.create_subscription(Empty, sys.argv[1], lambda _: print("hold", flush=True), 10)
 print("ready", flush=True)
 rclpy.spin(node)
 """
@@ -50,6 +52,8 @@ def far() -> Iterator[Far]:
 @contextmanager
 def frozen(process: Any) -> Iterator[None]:
     process.send_signal(signal.SIGSTOP)
+    told = Path(f"/proc/{process.pid}/stat")
+    eventually(lambda: told.read_text().rpartition(")")[2].split()[0] == "T", "it stands still")
     try:
         yield
     finally:
@@ -167,6 +171,9 @@ def test_a_recorder_that_stands_still_fails_no_hold(
                 began = time.monotonic()
                 far.arm.hold()
                 assert time.monotonic() - began < CONFIRM_TIMEOUT
+            holds: list[bytes] = []
+            threading.Thread(target=lambda: holds.extend(child.stdout or ()), daemon=True).start()
+            eventually(lambda: len(holds) > 2, "the second is sent again")
         finally:
             child.kill()
     assert re.search(
