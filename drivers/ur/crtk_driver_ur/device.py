@@ -85,8 +85,8 @@ FIRST_STATE = 0.5
 DEAD_AFTER = 0.1
 """Seconds without a sample after which the controller counts as silent."""
 
-LATE_AFTER = 0.1
-"""Seconds: a state that may be older when it comes is stamped as old as it may be."""
+LATE_AFTER = 0.02
+"""Seconds: a state that may be older when it comes counts no more than any such sample. It is told."""
 
 LATE_PERIODS = 5.0
 """The same in periods of the states, where they come seldom."""
@@ -453,7 +453,7 @@ class UrDevice(Device):
             self._why_stopped = PROGRAM_PAUSED
         self._geometry.follow_tool(state)
         self._inputs.step()
-        return self._geometry.samples.make(state, self._late)
+        return self._geometry.samples.make(state, self._age)
 
     # ----------------------------------------------------------------------------------------- motion
 

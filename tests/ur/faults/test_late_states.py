@@ -3,6 +3,7 @@
 Answers to requests, and the control program, tell what a state was made after: `crtk_driver_ur.rtde.echoes`.
 """
 
+import statistics
 import threading
 from collections.abc import Iterator
 
@@ -13,6 +14,9 @@ from rigs.ur_bench import LENIENT, LONG, UrBench, eventually
 from rigs.ur_proxy import Proxy, bench_at_proxy
 
 LATE = 0.3
+"""Seconds."""
+
+SHORT = 0.08
 """Seconds."""
 
 TICK = 0.12
@@ -72,6 +76,20 @@ def test_states_that_come_late_are_stamped_as_old_as_they_are(late):
     assert bench.log.refusals[0].reason is Reason.NOT_MEASURED
     proxy.clear()
     eventually(lambda: is_valid(bench), "they are valid again")
+
+
+def test_a_short_delay_makes_no_stamp_younger(late):
+    """Also one that is short beside the time of a stream."""
+    bench, proxy = late
+    eventually(lambda: is_valid(bench), "they are valid at first")
+    proxy.lag[False] = SHORT
+    age = lambda: bench.device.counters["state age (s)"]  # noqa: E731
+    eventually(lambda: age() > SHORT / 2.0, "they come late")
+    found = []
+    for _ in range(20):
+        bench.cycles(1)
+        found.append(younger(bench, proxy))
+    assert statistics.median(found) < SHORT / 2.0
 
 
 @pytest.mark.parametrize("begins", ["in mid-stream", "before it connects"])
