@@ -125,6 +125,7 @@ class Tracker:
             self._link.open(deadline)
             prepared = prepare(self._link, self.config.tools, self.config.volume, deadline)
             known = handles_of(self._link.ask(_HANDLES, deadline).text)
+            self._require_in_step(deadline)
         except (Refused, ConnectionLost, ProtocolError, ValueError) as error:
             self._link.close()
             what, remedy = f"{error}", ""
@@ -151,10 +152,38 @@ class Tracker:
         self.prepared = self.stream = None
         if was_tracking:
             try:
-                self._link.ask("TSTOP:", time.monotonic() + REPLY)
+                self._stop()
             except DeviceError as error:  # it was sent, if there is a link
                 logger.debug("%s: TSTOP: %s", self.address, error)
         self._link.close()
+
+    def _stop(self) -> None:
+        """Send TSTOP, and once more where nothing answers it; replies to questions before are left out.
+
+        Raises:
+            ConnectionLost, ProtocolError: the link is gone, or a reply is damaged.
+        """
+        for _ in range(2):
+            self._link.send("TSTOP:")
+            deadline = time.monotonic() + REPLY
+            while (reply := self._link.receive(deadline)) is not None:
+                if reply.error is not None or reply.text.startswith("OKAY"):
+                    return
+
+    def _require_in_step(self, deadline: float) -> None:
+        """See that no reply was doubled: all later ones would answer the question before.
+
+        Raises:
+            ConnectionLost, ConnectionFailed: the link is gone, or no answer comes.
+            ProtocolError: the answer is to another question.
+        """
+        try:
+            reply = self._link.ask(_MARK, deadline)
+            in_step = _is_mark_answer(reply)
+        except Refused as refusal:
+            in_step = refusal.code == _UNKNOWN_COMMAND
+        if not in_step:
+            raise ProtocolError("replies are answers to other questions", where=self.address)
 
     # ------------------------------------------------------------------------------------- its frames
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from typing_extensions import override
@@ -67,19 +68,25 @@ class SimConfig(Options):
         return read_one(TrackerDefects, self.defects)
 
 
+Later = Callable[[float, "CommandSession", Callable[[], bytes]], object]
+
+
 class CommandSession:
     """A client: commands that end with a carriage return.
 
     Args:
         tracker: that carries them out.
         hears: whether what arrives can be understood: a serial line has a rate.
+        later: sends what a function returns to this session so many seconds from now.
     """
 
     ended = False
 
-    def __init__(self, tracker: Tracker, hears: Callable[[], bool]) -> None:
+    def __init__(self, tracker: Tracker, hears: Callable[[], bool], later: Later) -> None:
         self._tracker = tracker
         self._hears = hears
+        self._later = later
+        self._held_until = 0.0
         self._rest = b""
 
     def receive(self, data: bytes) -> bytes:
@@ -88,11 +95,36 @@ class CommandSession:
             self._rest = b""
             return b""
         *lines, self._rest = (self._rest + data).split(b"\r")
-        replies = [self._tracker.obey(line) for line in lines if line]
+        replies = [self._answer(line) for line in lines if line]
         if len(self._rest) > wire.LONGEST:
             self._rest = b""
             replies.append(wire.error(0x02))
         return b"".join(replies)
+
+    def _answer(self, line: bytes) -> bytes:
+        """Return what is sent at once; nothing overtakes what is late."""
+        obey = partial(self._tracker.obey, line)
+        fate = self._tracker.fate(line)
+        effect, of_reply = (
+            ("", False) if fate is None else (fate["effect"], fate["what"] == "reply")
+        )
+        now = time.monotonic()
+        if effect == "lost":
+            return obey()[:0] if of_reply else b""
+        if effect == "late" and fate is not None:
+            self._held_until = now + fate["seconds"]
+        elif effect == "doubled":
+            reply = obey()
+            return 2 * reply if of_reply else reply + obey()
+        wait = self._held_until - now
+        if wait <= 0.0:
+            return obey()
+        if effect == "late" and not of_reply:
+            self._later(wait, self, obey)
+        else:
+            reply = obey()
+            self._later(wait, self, lambda: reply)
+        return b""
 
     def close(self) -> None:
         """Forget an unfinished command."""
@@ -121,16 +153,26 @@ class NdiSimulator(Simulator[SimConfig, LoopServer]):
             config.strays,
             config.latency,
         )
+
+        def later(name: str) -> Later:
+            return lambda seconds, to, make: server.after(
+                seconds, lambda: server.send(name, make(), to)
+            )
+
         server = LoopServer(
             config,
             parent_fd,
             tracker,
             title="NDI tracker",
             requests={"put": tracker.put},
-            tcp={"tcp": TcpDoor(config.port, lambda: CommandSession(tracker, lambda: True))},
+            tcp={
+                "tcp": TcpDoor(
+                    config.port, lambda: CommandSession(tracker, lambda: True, later("tcp"))
+                )
+            },
             ttys={
                 "serial": lambda: CommandSession(
-                    tracker, lambda: server.baud("serial") == tracker.baud
+                    tracker, lambda: server.baud("serial") == tracker.baud, later("serial")
                 )
             },
         )

@@ -38,6 +38,17 @@ _LASTING: Final[tuple[FaultKind, ...]] = tuple(
         ("warning", "a command is answered with WARNING06", {"command": Parameter(str, "INIT")}),
         ("swallow", "a command (all, if empty) is not answered", {"command": _COMMAND}),
         (
+            "message",
+            "the n-th command of a name (any, if empty) from now on, or its reply, is lost, doubled or late",
+            {
+                "command": _COMMAND,
+                "what": Parameter(str, "reply", choices=("command", "reply")),
+                "effect": Parameter(str, "lost", choices=("lost", "doubled", "late")),
+                "number": Parameter(int, 1, minimum=1),
+                "seconds": Parameter(float, 0.2, minimum=0.001, maximum=60.0),
+            },
+        ),
+        (
             "damage",
             "a byte of every n-th reply is changed",
             {"every": Parameter(int, 3, minimum=1)},

@@ -99,6 +99,8 @@ class Tracker:
         self._volume = 1
         self._faults: dict[str, Mapping[str, Any]] = {}
         self._replies = 0
+        self._until = 0
+        """Commands until the one that the fault `message` meets."""
         self._told_frame = -1
         self._commands = self._table()
         if left:
@@ -117,6 +119,8 @@ class Tracker:
             self._mode = SETUP if self._mode == TRACKING else self._mode
         else:
             self._faults[fault.kind] = fault.parameters
+            if fault.kind == "message":
+                self._until = fault.parameters["number"]
             if fault.kind == "frozen":
                 self._faults["frozen"] = {"frame": self._number()}
 
@@ -160,6 +164,14 @@ class Tracker:
             self._moved[part_number] = Track(), Play(self._defects.play, part_number)
         track, _ = self._moved[part_number]
         track.put(ns, Place(x, y, z, q0, qx, qy, qz, ERROR))
+
+    def fate(self, line: bytes) -> Mapping[str, Any] | None:
+        """Return what becomes of this command or its reply by the fault `message`; None: nothing."""
+        fault = self._faults.get("message")
+        if fault is None or fault["command"] not in ("", wire.parse(line).name):
+            return None
+        self._until -= 1
+        return None if self._until else fault
 
     def obey(self, line: bytes) -> bytes:
         """Carry out one command, and return the reply to it."""

@@ -1,7 +1,7 @@
 """The simulated tracker without a driver: known bytes, modes, errors, handles."""
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
 from hypothesis import given
@@ -21,6 +21,11 @@ SEEN = [
     Seen(1, Place(10.0, 20.0, -1000.0, 1.0, 0.0, 0.0, 0.0, 0.125), 0, 0x31, enabled=True),
     Seen(2, None, 0, 0x31, enabled=True),
 ]
+
+
+def never(seconds: float, session: CommandSession, reply: Callable[[], bytes]) -> None:
+    """Send nothing later: no test of this file has a reply that is late."""
+    raise AssertionError(f"a reply is {seconds} s late")
 
 
 class Lab:
@@ -226,19 +231,19 @@ def test_every_error_can_be_had() -> None:
 
 @given(st.binary(max_size=200))
 def test_hostile_commands_are_answered_with_errors(data: bytes) -> None:
-    session = CommandSession(Lab().tracker, lambda: True)
+    session = CommandSession(Lab().tracker, lambda: True, never)
     for reply in session.receive(data + b"\r").split(b"\r")[:-1]:
         assert reply.startswith(b"ERROR") or data
 
 
 def test_a_command_that_never_ends_is_too_long() -> None:
-    session = CommandSession(Lab().tracker, lambda: True)
+    session = CommandSession(Lab().tracker, lambda: True, never)
     assert session.receive(b"A" * 3000) == wire.error(0x02)
 
 
 def test_at_another_rate_nothing_is_understood() -> None:
     rates = [False, True]
-    session = CommandSession(Lab().tracker, lambda: rates[0])
+    session = CommandSession(Lab().tracker, lambda: rates[0], never)
     assert session.receive(b"INIT \r") == b""
     rates[0] = True
     assert session.receive(b"INIT \r") == wire.words("OKAY")
