@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from bench.reliability import disturbed
 from bench.reliability.activities import STREAMS
-from bench.reliability.rig import CLOCK, PAUSE, STILL, Rig
+from bench.reliability.rig import CLOCK, FROZEN, PAUSE, STILL, Rig
 from bench.reliability.table import REST, Follows, Way
 
 HOUR = 3600.0
@@ -135,6 +135,37 @@ def own_process(
             parameters={"seconds": -HOUR},
         ),
         way("F19", "closed in motion and started again", Follows.RESTARTED, stands=stop),
+    )
+
+
+def frozen(
+    *, within: float, stands: float = 0.1, moment: float = 0.3, **more: object
+) -> tuple[Way, ...]:
+    """Return F2 of hardware whose process stands still, for a moment or until it counts as lost, and goes on.
+
+    Args:
+        within: declared s after which hardware that is silent is FAULT.
+        stands: declared s, from when it goes on, in which joints stand.
+        moment: s that it may stand still without being lost.
+        more: of each `Way`.
+    """
+
+    def way(name: str, follows: Follows, **parameters: float) -> Way:
+        return Way(
+            "F2",
+            name,
+            follows,
+            FROZEN,
+            parameters,
+            within=within,
+            stands=stands,
+            freezes=True,
+            **more,  # type: ignore[arg-type]
+        )
+
+    return (
+        way(f"it stands still for {moment:g} s and goes on", Follows.GOES_ON, seconds=moment),
+        way("it stands still until it is lost, and goes on", Follows.STOPS),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -18,6 +19,7 @@ from typing_extensions import override
 from bench.reliability import disturbed
 from bench.reliability.activities import EFFORTS, HOME, OF_THE_TOOL, STANDING, Activity, Plan
 from bench.reliability.disturbed import DisturbedDevice
+from bench.reliability.stamps import Look, too_young
 from bench.reliability.table import Absent, Way
 from crtk_drivers.config import DeviceConfig, from_values, load
 from crtk_drivers.engine import Engine, Observer, threads
@@ -65,9 +67,11 @@ SPEED_UP = 0.1
 
 CLOCK = "own clock"
 PAUSE = "own pause"
-OWN_KINDS = frozenset({CLOCK, PAUSE, *disturbed.KINDS})
+FROZEN = "own frozen"
+OWN_KINDS = frozenset({CLOCK, PAUSE, FROZEN, *disturbed.KINDS})
 """Kinds that every rig has, beside those of its simulator: `disturbed.KINDS`, the system clock jumps by
-`seconds`, the I/O thread gets no time for `seconds`."""
+`seconds`, the I/O thread gets no time for `seconds`, the simulator's process none (SIGSTOP), for `seconds` or
+until the fault ends."""
 
 
 class BrokenPromiseError(AssertionError):
@@ -97,13 +101,6 @@ class Log(Observer):
         self.refused.append(refusal)
 
 
-class Look(NamedTuple):
-    """Where the joints really were, and when (monotonic s)."""
-
-    at: float
-    joints: np.ndarray
-
-
 class Rig(ABC):
     """One driver and its simulator. A context manager.
 
@@ -123,6 +120,7 @@ class Rig(ABC):
         stop_time: declared s in which joints stand after a stop; what the driver declares if None. It does
             not count where no stop can come to the hardware (`Way.runs_on`).
         arrival: how far (rad, m) from its goal a move that began in motion may seem to be, in a walk.
+        younger: seconds by which a stamp may be younger than where the joints were shows, see `stamps`.
     """
 
     name: ClassVar[str]
@@ -141,6 +139,7 @@ class Rig(ABC):
     services: ClassVar[tuple[str, ...]] = ()
     stop_time: ClassVar[float | None] = None
     arrival: ClassVar[float] = 0.1
+    younger: ClassVar[float] = 0.02
     thorough: ClassVar[bool] = True
     second: ClassVar[str] = "in use"
     """Words with which a second host is refused."""
@@ -154,6 +153,9 @@ class Rig(ABC):
         self._stack = contextlib.ExitStack()
         self._fault: Way | None = None
         self._unwatched = False
+        self._frozen = False
+        self._goes_on_at = math.inf
+        self._measured: tuple[Any, Stamp] | None = None
 
     # ------------------------------------------------------------------------------ of each driver
 
@@ -313,6 +315,8 @@ class Rig(ABC):
 
     def step(self) -> None:
         """Go on with the activity and look at the joints, once."""
+        if time.monotonic() >= self._goes_on_at:
+            self._go_on()
         if self.activity is not None and self._streams:
             try:
                 self.activity.send()
@@ -328,7 +332,10 @@ class Rig(ABC):
 
     def look(self) -> Look:
         """Look at the joints."""
-        look = Look(time.monotonic(), self.joints())
+        at = time.monotonic()
+        # A process that stands still answers nothing, and moves nothing.
+        joints = self.looks[-1].joints if self._frozen and self.looks else self.joints()
+        look = Look(at, joints, time.monotonic())
         self.looks.append(look)
         return look
 
@@ -343,6 +350,20 @@ class Rig(ABC):
             age = time.monotonic() - found[1].monotonic
             oldest = self.engine.options.sample_timeout + SLACK
             self.require(age < oldest, f"{name} is stamped as valid, but is {age:.3f} s old")
+        self._check_youth()
+
+    def _check_youth(self) -> None:
+        """The joints were where they are told to be no earlier than the stamp says."""
+        before, self._measured = self._measured, self.valid("measured_js")
+        if before is None:
+            return
+        value, stamp = before
+        younger = too_young(self.looks, value.position, stamp.monotonic, self.tolerance)
+        allowed = self.younger + (0.0 if self._fault is None else self._fault.younger)
+        self.require(
+            younger <= allowed,
+            f"measured_js is stamped {younger:.3f} s too young, allowed are {allowed:.3f}",
+        )
 
     def check_ranges(self) -> None:
         """No joint leaves its range, whatever moves it, as long as its effort is watched."""
@@ -526,6 +547,8 @@ class Rig(ABC):
             threading.Timer(way.parameters["seconds"], self.disturbed.end).start()
         elif way.kind == CLOCK:
             self._jump(way.parameters["seconds"])
+        elif way.kind == FROZEN:
+            self._freeze(way.parameters.get("seconds"))
         elif way.kind:
             self.inject(way.kind, **way.parameters)
         return began
@@ -535,9 +558,27 @@ class Rig(ABC):
         assert self.sim is not None
         self.sim.control.inject(kind, **parameters)
 
+    def _freeze(self, seconds: float | None) -> None:
+        """Let the simulator's process stand still for so long, or until `end_fault`."""
+        assert self.sim is not None
+        self.look()
+        self._frozen = True
+        self.sim.suspend()
+        self._goes_on_at = math.inf if seconds is None else time.monotonic() + seconds
+
+    def _go_on(self) -> None:
+        """Let it go on. What was seen until now says nothing of whether joints stand."""
+        assert self.sim is not None
+        self.sim.resume()
+        self._goes_on_at = math.inf
+        self._frozen = False
+        self.looks.clear()
+
     def end_fault(self) -> None:
         """End whatever fault there is."""
         way, self._fault = self._fault, None
+        if self._frozen:
+            self._go_on()
         self.disturbed.end()
         self._clock.close()
         if self.sim is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import HOME, Plan
-from bench.reliability.common import of_part, outlived, own_process
+from bench.reliability.common import frozen, of_part, outlived, own_process
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Follows, Way, asked_to_stop, single_messages
 from crtk_driver_canopen import PLUGIN
@@ -35,7 +35,11 @@ HEARTBEAT = 0.5
 BOOT = 2.0
 """Seconds in which the driver may notice that a node has started again."""
 
-_MOVING = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jp", "interpolate_jv", "move_jp", HOME)
+_SLOW = ("servo_jp", "servo_jv", "servo_jf", "interpolate_jp", "interpolate_jv")
+"""What is behind by less than a following error after 0.3 s."""
+_UNMEASURED = (REST, "servo_jp", "servo_jv", "interpolate_jp", "interpolate_jv", "move_jp")
+"""What goes on while what is measured does not count: an effort does not."""
+_MOVING = (*_SLOW, "move_jp", HOME)
 DRIVES = Path(__file__).with_name("canopen_drives.yaml")
 SWITCH = 20.0 * 2.0 * math.pi / GEAR
 """Where the home switch is that it says, rad."""
@@ -71,6 +75,7 @@ WAYS = (
         within=HEARTBEAT,
         stands=HEARTBEAT + STOP,
     ),
+    *frozen(within=HEARTBEAT, stands=HEARTBEAT + STOP, activities=(REST, *_SLOW)),
     Way(
         "F3",
         "a node that is silent",
@@ -102,6 +107,15 @@ WAYS = (
     _through("F8", "every 40th frame is lost", "drop", every=40),
     _through("F8", "every 2nd frame comes twice", "duplicate", every=2),
     _through("F8", "frames are late by 0.5 ms", "delay", seconds=0.0005),
+    _through("F8", "frames are late by 20 ms", "delay", seconds=0.02),
+    Way(
+        "F8",
+        "frames are late by 50 ms",
+        Follows.GOES_ON,
+        "delay",
+        {"seconds": 0.05},
+        activities=_UNMEASURED,
+    ),
     *single_messages(
         {
             "setpoint (RPDO)": {"id": 0x200 + MOVING},
@@ -192,7 +206,7 @@ VALUES: Mapping[str, Any] = {
 _PATIENT = {
     "period": PERIOD,
     "missed_cycles": 100,
-    "sample_timeout": 100 * PERIOD + 0.5,  # which node it is is told before
+    "sample_timeout": 2.0,  # more than these take, which name the node
     "heartbeat": {"ours_timeout": HEARTBEAT + HELD_UP, "drives_timeout": HEARTBEAT + HELD_UP},
     "open_timeout": 10.0,
     "stream_timeout": 0.3,

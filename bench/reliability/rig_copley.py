@@ -8,7 +8,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import HOME, Plan
-from bench.reliability.common import of_part, outlived, own_process, passing
+from bench.reliability.common import frozen, of_part, outlived, own_process, passing
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Follows, Way, asked_to_stop
 from crtk_driver_copley import PLUGIN
@@ -69,6 +69,7 @@ WAYS = (
     Way("F2", "the line is silent for a moment while it homes", kind="silence",
         parameters={"port": "serial"}, within=SAMPLES, freezes=True, stands=AGAIN + STOP,
         activities=(HOME,)),
+    *frozen(within=SAMPLES, stands=BUFFER + STOP, moment=0.04, activities=(REST, *_FOLLOWED)),
     Way("F3", "nobody answers", Follows.STARTS_LATER, "silence", {"port": "serial"}, within=10.0),
     passing("F5", "a byte of every 31st answer is changed", "corrupt", every=31),
     passing("F5", "a byte of every 31st command is changed", "garbled", every=31),
@@ -84,6 +85,7 @@ WAYS = (
         stands=AGAIN + STOP, activities=(HOME,)),
     passing("F8", "every 37th answer is lost", "mute", every=37),
     passing("F8", "every 11th answer comes twice", "doubled", every=11),
+    passing("F8", "every answer is 5 ms late", "late", every=1, seconds=0.005),
     Way("F11", "the first drive starts anew", kind="reset", within=SAMPLES + TOLD,
         stands=SAMPLES + BUFFER + STOP),
     Way("F11", "a drive behind it starts anew", kind="reset", parameters={"node": 1},

@@ -7,7 +7,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import UNMOVED, UnmovedRig, outlived, own_process, passing
+from bench.reliability.common import UNMOVED, UnmovedRig, frozen, outlived, own_process, passing
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Follows, Way
 from crtk_driver_dvrk import PLUGIN
@@ -20,6 +20,7 @@ SEARCH = 3.0
 
 WAYS = (
     Way("F2", "no board answers", kind="silence", within=SAMPLES),
+    *frozen(within=SAMPLES),
     Way("F2", "answers come too late", kind="delay", parameters={"seconds": 0.3}, within=SAMPLES),
     Way("F3", "nobody answers", Follows.STARTS_LATER, "silence", within=4.0),
     passing("F5", "a byte of every 4th reply is changed", "corrupt", every=4),
@@ -99,6 +100,7 @@ def off(name: str, kind: str, detail: str, **parameters: object) -> Way:
 
 DRIVEN_WAYS = (
     Way("F2", "no board answers", kind="silence", within=SAMPLES, stands=2.0),
+    *frozen(within=SAMPLES, stands=2.0),
     Way("F3", "nobody answers", Follows.STARTS_LATER, "silence", within=4.0),
     passing("F5", "every 4th reply is cut", "short", every=4),
     Way("F6", "one board does not answer", kind="mute", parameters={"node": 1}, within=SAMPLES,

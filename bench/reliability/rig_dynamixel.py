@@ -6,7 +6,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import of_part, outlived, own_process
+from bench.reliability.common import frozen, of_part, outlived, own_process
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_dynamixel import PLUGIN
@@ -35,6 +35,7 @@ def _servo(
 
 WAYS = (
     Way("F2", "the adapter hands over nothing", kind="stall", within=SILENT, stands=SILENT + STOP),
+    *frozen(within=SILENT, stands=SILENT + STOP),
     Way(
         "F3",
         "no servo has power",
@@ -44,6 +45,7 @@ WAYS = (
         activities=(REST,),
     ),
     Way("F4", "bytes come in lumps of 4 ms", Follows.GOES_ON, "latency", {"milliseconds": 4.0}),
+    Way("F4", "bytes come in lumps of 16 ms", Follows.GOES_ON, "latency", {"milliseconds": 16.0}),
     Way("F5", "a byte of every 5th reply is changed", Follows.GOES_ON, "corrupt", {"every": 5}),
     Way("F5", "every 5th reply has a wrong CRC", Follows.GOES_ON, "crc", {"every": 5}),
     Way("F5", "noise before every 3rd reply", Follows.GOES_ON, "noise", {"every": 3}),
@@ -65,6 +67,13 @@ WAYS = (
         Follows.GOES_ON,
         "late",
         {"every": 29, "seconds": 0.03},
+    ),
+    Way(
+        "F8",
+        "every reply is 8 ms late",
+        Follows.GOES_ON,
+        "late",
+        {"every": 1, "seconds": 0.008},
     ),
     *single_messages(
         {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.reliability.common import UNMOVED, UnmovedRig, by_tcp, passing
+from bench.reliability.common import UNMOVED, UnmovedRig, by_tcp, frozen, passing
 from bench.reliability.rig import HELD_UP
 from bench.reliability.table import Absent, Follows, Way
 from crtk_driver_robotiq.ft300 import PLUGIN
@@ -16,6 +16,7 @@ FROZEN = 2.0
 WAYS = (
     *by_tcp("tool", SAMPLES),
     Way("F2", "it repeats one measurement", kind="frozen", within=FROZEN, detail="frozen"),
+    *frozen(within=SAMPLES),
     Way("F3", "nobody answers", Follows.STARTS_LATER, "unit_silent", within=4.0),
     passing("F5", "every 4th measurement is damaged", "bad_crc", every=4),
     passing("F5", "every 4th measurement is cut", "cut", every=4),

@@ -8,7 +8,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import HOME, Plan
-from bench.reliability.common import by_tcp, of_part, outlived, own_process, passing
+from bench.reliability.common import by_tcp, frozen, of_part, outlived, own_process, passing
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Way, asked_to_stop
 from crtk_driver_galil import PLUGIN
@@ -52,6 +52,7 @@ WAYS = (
     Way("F2", "commands are not answered", kind="mute", within=REPLY + SAMPLES,
         stands=REPLY + SAMPLES + STOP, activities=_FOLLOWED),
     Way("F2", "no data records come", kind="no_records", within=SAMPLES, stands=SAMPLES + STOP),
+    *frozen(within=SAMPLES, stands=STOP, activities=(REST, *_FOLLOWED)),
     passing("F5", "a byte of every 4th record is changed", "corrupt", every=4),
     passing("F5", "every 4th record is cut", "short", every=4),
     passing("F8", "every 3rd record is lost", "loss", every=3),

@@ -10,7 +10,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import by_tcp, outlived, own_process, passing
+from bench.reliability.common import by_tcp, frozen, outlived, own_process, passing
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Way
 from crtk_driver_haply import PLUGIN
@@ -26,6 +26,7 @@ WAYS = (
     *by_tcp("service", SAMPLES),
     passing("F4", "in frames of 50 bytes", "fragments"),
     Way("F2", "messages are not answered", kind="mute", within=SAMPLES, stands=SAMPLES + STOP),
+    *frozen(within=SAMPLES, stands=STOP),
     passing("F5", "members that nobody knows", "more"),
     *(
         Way("F5", f"answers are {words}", kind=kind, within=SAMPLES, stands=SAMPLES + STOP)

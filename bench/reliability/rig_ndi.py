@@ -6,7 +6,7 @@ import time
 
 from typing_extensions import override
 
-from bench.reliability.common import UNMOVED, UnmovedRig, passing
+from bench.reliability.common import UNMOVED, UnmovedRig, frozen, passing
 from bench.reliability.disturbed import DisturbedDevice
 from bench.reliability.rig import HELD_UP, SLACK
 from bench.reliability.table import Absent, Follows, Way
@@ -27,6 +27,7 @@ WAYS = (
     Way("F1", "the connection is closed", kind="disconnect", parameters=TCP),
     Way("F2", "the connection is half open", kind="silence", parameters=TCP, within=SAMPLES),
     Way("F2", "it shows one frame again and again", kind="frozen", within=SAMPLES),
+    *frozen(within=SAMPLES),
     Way("F3", "nobody accepts", Follows.STARTS_LATER, "disconnect", TCP, within=3.0),
     Way("F3", "nobody answers", Follows.STARTS_LATER, "no_answer", TCP, within=4.0),
     passing("F4", "byte by byte", "split", size=1, **TCP),
@@ -78,7 +79,8 @@ class NdiRig(UnmovedRig):
     @override
     def check_stamps(self) -> None:
         """Promise 4, of what its tools tell, and by when the simulator took the frames."""
-        self._check_frame()
+        if not self._frozen:
+            self._check_frame()
         for name, engine in self.driver.children.items():
             found = engine.feedback("measured_cp")
             if found is not None and found[1].wall_ns:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing_extensions import override
 
-from bench.reliability.common import UNMOVED, UnmovedRig
+from bench.reliability.common import UNMOVED, UnmovedRig, frozen
 from bench.reliability.table import Absent, Follows, Way
 from crtk_driver_ati_netft import PLUGIN
 from crtk_sim_backends.netft import SIM
@@ -22,6 +22,7 @@ WAYS = (
     Way("F1", "the RDT port is closed", kind="closed", parameters=RDT, within=SAMPLES),
     Way("F2", "the cable is out", kind="unplugged", within=SAMPLES),
     Way("F2", "the box hangs", kind="stall", within=SAMPLES),
+    *frozen(within=SAMPLES),
     Way("F3", "the cable is out", Follows.STARTS_LATER, "unplugged", within=3.0),
     _through("F5", "every 10th datagram is cut", "short", every=10),
     _through("F5", "every 10th datagram is too long", "long", every=10),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.reliability.common import UNMOVED, UnmovedRig, passing
+from bench.reliability.common import UNMOVED, UnmovedRig, frozen, passing
 from bench.reliability.table import Absent, Follows, Way
 from crtk_driver_optoforce import PLUGIN
 from crtk_sim_backends.optoforce import SIM
@@ -16,6 +16,7 @@ WAYS = (
     Way("F2", "nothing crosses the line", kind="silence", parameters=SERIAL, within=SAMPLES),
     Way("F2", "it sends no measurements", kind="stopped", within=SAMPLES),
     Way("F2", "it repeats one measurement", kind="frozen", within=SAMPLES),
+    *frozen(within=SAMPLES),
     Way("F3", "nothing crosses the line", Follows.STARTS_LATER, "silence", SERIAL, within=4.0),
     passing("F4", "byte by byte", "split", size=1, **SERIAL),
     passing("F4", "in lumps of 20 ms", "coalesce", seconds=0.02, **SERIAL),

@@ -15,7 +15,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import by_tcp, outlived, own_process, passing
+from bench.reliability.common import by_tcp, frozen, outlived, own_process, passing
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Follows, Way, single_messages
 from crtk_driver_robotiq import PLUGIN
@@ -70,6 +70,7 @@ def _heard(fault: str, name: str, kind: str, **parameters: Any) -> Way:
 
 
 _OWN = (
+    *frozen(within=SAMPLES, stands=STOP),
     Way(
         "F11",
         "it loses its power and gets it back",

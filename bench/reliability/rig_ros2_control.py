@@ -6,7 +6,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import of_part, outlived, own_process, passing
+from bench.reliability.common import frozen, of_part, outlived, own_process, passing
 from bench.reliability.rig import Rig
 from bench.reliability.table import REST, Absent, Follows, Way
 from crtk_driver_ros2_control import PLUGIN
@@ -68,6 +68,7 @@ WAYS = (
         within=ANSWERS + LOOK,
         stands=ANSWERS + LOOK + STOP,
     ),
+    *frozen(within=SAMPLES, stands=STOP),
     Way("F3", "no robot", Follows.STARTS_LATER, "disconnect", within=8.0, activities=(REST,)),
     Way(
         "F3",

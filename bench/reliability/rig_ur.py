@@ -11,7 +11,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import Plan
-from bench.reliability.common import outlived, own_process
+from bench.reliability.common import frozen, outlived, own_process
 from bench.reliability.rig import PATIENCE, Rig
 from bench.reliability.table import ANY, NOW_AND_THEN, REST, Absent, Follows, Way
 from crtk_driver_ur import PLUGIN, robot
@@ -37,8 +37,11 @@ RUNNING = 7
 PROTECTIVE_STOP = 3
 """Safety mode of an arm that has stopped protectively."""
 RTDE = {"port": "rtde"}
+_STATES = {"direction": "out", **RTDE}
 UNBOUNDED = "ur-rtde's program does not bound what was on its way while the controller hung"
 _MOVING = ("servo_jp", "servo_jv", "servo_cv", "interpolate_jp", "move_jp", "move_cp")
+_UNMEASURED = (REST, *_MOVING, "servo_cp", "interpolate_jv")
+"""What goes on while what is measured does not count: an effort does not."""
 
 
 def _robot(
@@ -82,6 +85,7 @@ WAYS = (
         stands=WATCHDOG + STOP,
         freezes=True,
     ),
+    *frozen(within=SAMPLES, stands=WATCHDOG + STOP),
     Way(
         "F3",
         "connects and never answers",
@@ -112,6 +116,16 @@ WAYS = (
         "coalesce",
         {"seconds": 0.15, "direction": "in", **RTDE},
     ),
+    Way("F4", "states come 35 ms late", Follows.GOES_ON, "delay", {"seconds": 0.035, **_STATES}),
+    Way(
+        "F4",
+        "states come 0.2 s late",
+        Follows.GOES_ON,
+        "delay",
+        {"seconds": 0.2, **_STATES},
+        activities=_UNMEASURED,
+    ),
+    _link("F4", "states come 1.5 s late", "delay", seconds=1.5, **_STATES),
     _link("F5", "a byte of every package is changed", "corrupt", every=1, direction="out", **RTDE),
     _robot("F12", "the arm loses its power", "power_loss", "no power", "DISABLED"),
     _robot("F12", "the control program fails", "script_error", "program was stopped", "PAUSED"),
@@ -261,6 +275,8 @@ class UrRtdeRig(UrNativeRig):
     thorough = False
     activities = tuple(name for name in UrNativeRig.activities if name != "servo_cf")
     ways = tuple(
-        replace(way, pending={ANY: UNBOUNDED + NOW_AND_THEN}) if way.freezes else way
+        replace(way, pending={ANY: UNBOUNDED + NOW_AND_THEN})
+        if way.freezes and way.follows is Follows.STOPS
+        else way
         for way in WAYS
     )

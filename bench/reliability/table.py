@@ -85,6 +85,7 @@ class Way:
         lags: joints that it held back, no further than a following error, catch up when it is over.
         repair: name of a method of the rig that does what a person does besides.
         activities: those in which it is met; all of the driver if empty.
+        younger: seconds by which stamps are too young in it, which this driver cannot know.
         action: for `Follows.OBEYS`, what is asked for: hold, disable, pause, or close.
         pending: why a cell still fails, in words, by activity or `ANY`.
     """
@@ -105,6 +106,7 @@ class Way:
     lags: bool = False
     repair: str = ""
     activities: tuple[str, ...] = ()
+    younger: float = 0.0
     action: str = ""
     pending: Mapping[str, str] = field(default_factory=dict)
 
