@@ -405,8 +405,13 @@ class RemoteDevice(DeviceFront, AnyDevice):
                 break
             if listeners > 1 and now >= asks_at:
                 if self._space.answers(ANSWER_TIMEOUT):
-                    text = "%s: %s was sent, and one of the %d who listen has not confirmed it; "
-                    logger.warning(f"{text}the device answers", self.namespace, name, listeners)
+                    logger.warning(
+                        "%s: %s was sent. One of the %d who listen has not confirmed it, but the device "
+                        "answers.",
+                        self.namespace,
+                        name,
+                        listeners,
+                    )
                     return
                 asks_at = math.inf
             if is_stop and listeners:

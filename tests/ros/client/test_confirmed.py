@@ -177,7 +177,7 @@ def test_a_recorder_that_stands_still_fails_no_hold(
         finally:
             child.kill()
     assert re.search(
-        "one of the 2 who listen has not confirmed it; the device answers", caplog.text
+        "One of the 2 who listen has not confirmed it, but the device answers", caplog.text
     )
 
 
