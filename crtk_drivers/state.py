@@ -67,6 +67,12 @@ STOPS = frozenset({StateCommand.PAUSE, StateCommand.DISABLE})
 """They stop what moves, in any state, also where they are refused."""
 
 
+REPEATED = "repeated"
+"""The `frame_id` of a state command that is sent again, with the stamp of the first, as it is not confirmed.
+
+A driver that has carried out the first, and something newer after it, does not carry it out once more."""
+
+
 @dataclass(frozen=True, slots=True)
 class Status:
     """What ``operating_state`` says.

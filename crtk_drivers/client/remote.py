@@ -41,7 +41,7 @@ from crtk_drivers.front.payloads import value_for
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
 from crtk_drivers.samples import Value
-from crtk_drivers.state import STOPS, Status, parse_command, target_of
+from crtk_drivers.state import REPEATED, STOPS, Status, parse_command, target_of
 
 if TYPE_CHECKING:
     from crtk_drivers.client.announcements import StatusTracker
@@ -386,11 +386,17 @@ class RemoteDevice(DeviceFront, AnyDevice):
 
         return hold
 
-    def _require_arrival(self, name: str, outbox: Outbox) -> None:
+    def _require_arrival(self, name: str, outbox: Outbox, stamp: int = 0) -> None:
         """Make sure that what was sent has arrived: a stop may be the last thing before a link is closed.
 
         A stop is sent again meanwhile: what a full socket drops, Fast DDS sends again only after 3 s.
-        Somebody else who listens and stands still is no reason to fail while the device answers.
+        Somebody else who listens and stands still is no reason to fail while the device answers. Of two
+        drivers in a namespace one may answer for the other, which moves.
+
+        Args:
+            name: of what was sent.
+            outbox: that it was sent by.
+            stamp: of a state command; the driver knows it again by that.
 
         Raises:
             StopUnconfirmed: nobody confirmed a stop.
@@ -404,7 +410,7 @@ class RemoteDevice(DeviceFront, AnyDevice):
             if now >= deadline:
                 break
             if listeners > 1 and now >= asks_at:
-                if self._space.answers(ANSWER_TIMEOUT):
+                if self._space.drivers <= 1 and self._space.answers(ANSWER_TIMEOUT):
                     logger.warning(
                         "%s: %s was sent. One of the %d who listen has not confirmed it, but the device "
                         "answers.",
@@ -415,12 +421,14 @@ class RemoteDevice(DeviceFront, AnyDevice):
                     return
                 asks_at = math.inf
             if is_stop and listeners:
-                outbox.publish(None if name == "hold" else str(name))
+                outbox.publish(None if name == "hold" else str(name), REPEATED, stamp)
         else:
             return
+        drivers = self._space.drivers
         raise (StopUnconfirmed if is_stop else ConnectionLost)(
             f"{name} was sent, and "
             + ("nobody" if listeners <= 1 else f"not all of the {listeners} who listen")
+            + (f" (of {drivers} drivers)" if drivers > 1 else "")
             + f" confirmed it in {CONFIRM_TIMEOUT:g} s",
             where=self.namespace,
             remedy="Is the link gone, or does the driver stand still? "
@@ -545,9 +553,10 @@ class RemoteDevice(DeviceFront, AnyDevice):
             outbox = space.connected("state_command")
             heard = space.tracker
             known = heard.latest.state if heard is not None and heard.has_status else None
+            stamp = time.time_ns()
             if wanted in STOPS:  # at once, whatever is heard of the device, and again below
-                outbox.send(str(wanted.value))
-                self._require_arrival(wanted.value, outbox)
+                outbox.send(str(wanted.value), stamp=stamp)
+                self._require_arrival(wanted.value, outbox, stamp)
             tracker = space.status()
         except NotOffered as error:
             raise ConnectionFailed(str(error)) from None
@@ -558,10 +567,13 @@ class RemoteDevice(DeviceFront, AnyDevice):
             target = target_of(before.state, wanted)
             if wanted in STOPS and before.state is target is not known:
                 return  # it has stopped since: one that tells changes only would tell no more
-            stamp = time.time_ns()
-            outbox.send(str(wanted.value), stamp=stamp)
+            if wanted in STOPS:
+                outbox.send(str(wanted.value), REPEATED, stamp)
+            else:
+                stamp = time.time_ns()
+                outbox.send(str(wanted.value), stamp=stamp)
             if wanted in STOPS or timeout <= 0.0:
-                self._require_arrival(wanted.value, outbox)
+                self._require_arrival(wanted.value, outbox, stamp)
             if timeout > 0.0:
                 transition = Transition(wanted, before, target)
                 transition.wait(watch, deadline, self.namespace, stamp)

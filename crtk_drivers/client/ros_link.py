@@ -18,7 +18,6 @@ from typing import Any
 import rclpy
 from crtk_msgs.srv import TriggerOperatingState
 from rclpy.context import Context
-from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import Executor
 from rclpy.node import Node
@@ -41,6 +40,7 @@ from crtk_drivers.ros import qos
 from crtk_drivers.ros.messages import TYPES, pose_of, set_pose, stamp_ns
 from crtk_drivers.ros.plain import fill_plain
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor, spin
+from crtk_drivers.ros.unlocked import is_acknowledged
 from crtk_drivers.samples import Pose, Text, Value, Vector, vector
 
 logger = logging.getLogger(__name__)
@@ -110,7 +110,7 @@ class Outbox:
         DDS confirms it: no callback has to run here or there. A middleware that cannot tell is believed.
         """
         try:
-            return bool(self._publisher.wait_for_all_acked(Duration(seconds=timeout)))
+            return is_acknowledged(self._publisher, timeout)
         except InvalidHandle:
             return False  # it was closed meanwhile
         except RuntimeError as error:

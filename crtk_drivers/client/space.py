@@ -332,6 +332,15 @@ class Space:
         return True
 
     @property
+    def drivers(self) -> int:
+        """How many tell the operating state, as far as DDS knows; one that was killed counts for 20 s."""
+        teller = self.state_teller
+        try:
+            return teller.link.publishers(teller.feature("operating_state").topic)
+        except NotOffered:
+            return 0
+
+    @property
     def hears_status(self) -> bool:
         """Whether `status` has nothing to wait for."""
         tracker = self.state_teller.tracker

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -53,6 +54,9 @@ from crtk_drivers.status.health import Health, HealthRecorder
 
 _AT_LIMIT = 1e-6
 """rad or m by which a solution of the inverse kinematics may lie beyond a limit: of rounding."""
+
+_CHANGES = 64
+"""State commands that are remembered, to know one again that is repeated."""
 
 _WAY_TO_ENABLED = {
     OperatingState.DISABLED: "Enable it: enable() in Python, state_command in ROS.",
@@ -138,6 +142,8 @@ class Intake:
         self._stop_asked = False
         self._stops = 0  # that were asked for, or came of themselves; under the board's lock
         self._newest_ns = 0  # when the newest stop or change of state came; under the board's lock
+        self._changes: deque[int] = deque(maxlen=_CHANGES)
+        """Stamps of state commands, 0 for a service that moves; under the board's lock."""
         self._can_wake = False
         self._orders = OrderMaker(context)
         self._arbiter = Arbiter(self.options, self.where)
@@ -375,7 +381,14 @@ class Intake:
                 if self.status.state is OperatingState.ENABLED:
                     self._put(Order("hold"), client)
 
-    def state_command(self, text: str, stamp_ns: int = 0, received_ns: int = 0) -> None:
+    def state_command(
+        self,
+        text: str,
+        stamp_ns: int = 0,
+        received_ns: int = 0,
+        *,
+        is_repeated: bool = False,
+    ) -> None:
         """Ask for ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``.
 
         Returns at once; the status tells when it is reached.
@@ -384,6 +397,8 @@ class Intake:
             text: one of them.
             stamp_ns: the sender's stamp, 0 if it gave none.
             received_ns: see `submit`.
+            is_repeated: it is sent again with the stamp of the first. Once that has been carried out, and
+                something newer after it, it is refused.
 
         Raises:
             CommandRefused: unknown, invalid in this state, too old for what sets the device going, not
@@ -396,6 +411,9 @@ class Intake:
             self._check.check_state_command(command, stamp_ns, time.time_ns())
             self._require_connected("state_command", f"{command}: ")
             with self._board.lock:
+                if is_repeated and self._is_overtaken(stamp_ns):
+                    raise self._repeated(command)
+                self._changes.append(stamp_ns)
                 if command is StateCommand.PAUSE:  # a stop, also where it is refused
                     self._waiting.end("by pause", Outcome.PREEMPTED)
                     self._transitions.break_off("pause")
@@ -440,6 +458,7 @@ class Intake:
             with self._board.lock:  # no stop comes between the two
                 if service is not None and service.moves:
                     self._require_newest(name, received_ns)
+                    self._changes.append(0)
                 return self._requests.ask(name)
         except CommandRefused as refusal:
             self._board.refused(refusal)
@@ -636,6 +655,20 @@ class Intake:
         """Refuse what came before the newest stop or change of state. Under the board's lock."""
         if 0 < received_ns < self._newest_ns <= time.time_ns():
             raise self._overtaken(name, "or another state came before it was carried out")
+
+    def _is_overtaken(self, stamp_ns: int) -> bool:
+        """Whether a state command of this stamp was carried out, and something newer after it."""
+        return stamp_ns in self._changes and self._changes[-1] != stamp_ns
+
+    def _repeated(self, command: StateCommand) -> CommandRefused:
+        """Return what to say of a stop that is sent again, after somebody has set the device going."""
+        return CommandRefused(
+            "state_command",
+            Reason.TOO_OLD,
+            f"{command}: it was sent again, and had been carried out before another command came",
+            where=self.where,
+            remedy="Send it anew if it is to be carried out after that.",
+        )
 
     def _overtaken(self, name: str, when: str) -> CommandRefused:
         """Return what to say of a command that something newer came before."""

@@ -28,7 +28,7 @@ from crtk_drivers.ros.received import Received
 from crtk_drivers.ros.senders import Senders
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import CartesianServo, Pose, Text, Twist, Value, Wrench
-from crtk_drivers.state import STOPS, Status
+from crtk_drivers.state import REPEATED, STOPS, Status
 from crtk_drivers.status.throttle import Throttle
 
 logger = logging.getLogger(__name__)
@@ -107,12 +107,12 @@ class CommandTopics:
         return lambda message: self._submit_value(name, payload, message)
 
     def _state_command(self, message: Received) -> None:
-        text, stamp = self._text_of(message.data)
+        text, stamp, is_repeated = self._text_of(message.data)
         self._admit("state_command", text)
-        self._engine.state_command(text, stamp, message.received_ns)
+        self._engine.state_command(text, stamp, message.received_ns, is_repeated=is_repeated)
 
-    def _text_of(self, data: bytes) -> tuple[str, int]:
-        """Return what a state command says, and its stamp.
+    def _text_of(self, data: bytes) -> tuple[str, int, bool]:
+        """Return what a state command says, its stamp, and whether it says that it is sent again.
 
         A stop is not refused for what stands before or behind it: of a message that cannot be read, the
         stop that it names last counts.
@@ -126,9 +126,9 @@ class CommandTopics:
             if self._failures.passes(stop, time.monotonic()):
                 text = "%s: a state_command that cannot be read says %s, which is carried out: %s"
                 logger.warning(text, self._engine.where, stop, error)
-            return stop, 0
+            return stop, 0, False
         assert isinstance(found.value, Text)
-        return found.value.value, found.stamp_ns
+        return found.value.value, found.stamp_ns, found.frame_id == REPEATED
 
     def _submit(self, name: str, message: Received) -> None:
         self._admit(name)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -69,6 +69,10 @@ _rcutils.rcutils_uint8_array_fini.argtypes = (ctypes.c_void_p,)
 _publish = ctypes.CDLL("librcl.so").rcl_publish_serialized_message
 _publish.argtypes = (ctypes.c_void_p, ctypes.POINTER(_SentMessage), ctypes.c_void_p)
 _publish.restype = ctypes.c_int
+_wait_for_all_acked = ctypes.CDLL("librcl.so").rcl_publisher_wait_for_all_acked
+_wait_for_all_acked.argtypes = (ctypes.c_void_p, ctypes.c_int64)
+_wait_for_all_acked.restype = ctypes.c_int
+_TIMEOUT: Final = 2  # RCL_RET_TIMEOUT (rcl/types.h)
 
 
 def new_message() -> SerializedMessage:
@@ -87,6 +91,26 @@ def rcl_error() -> str:
     text: bytes = _rcutils.rcutils_get_error_string().text
     _rcutils.rcutils_reset_error()
     return text.decode(errors="replace")
+
+
+def is_acknowledged(publisher: Publisher, timeout: float) -> bool:
+    """Return whether all who listen reliably have acknowledged within `timeout` s what was published.
+
+    rclpy's own `wait_for_all_acked` keeps Python's lock: no other thread would run meanwhile.
+
+    Raises:
+        InvalidHandle: the publisher was destroyed.
+        RuntimeError: the middleware cannot tell, with its reason.
+    """
+    handle = publisher.handle
+    with handle:
+        failed = _wait_for_all_acked(handle.pointer, int(timeout * 1e9))
+    if not failed:
+        return True
+    reason = rcl_error()
+    if failed == _TIMEOUT:
+        return False
+    raise RuntimeError(f"DDS does not say whether a message arrived: {reason}")
 
 
 class UnlockedPublisher(Publisher):  # type: ignore[misc]  # rclpy has no types

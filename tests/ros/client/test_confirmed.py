@@ -10,7 +10,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,10 @@ from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import Empty
 
 from crtk_drivers import client
-from crtk_drivers.client import RemoteDevice, connect
+from crtk_drivers.client import RemoteDevice, connect, remote
 from crtk_drivers.client.remote import CONFIRM_TIMEOUT
-from crtk_drivers.errors import ConnectionLost, StopUnconfirmed
+from crtk_drivers.errors import CommandRefused, ConnectionLost, StopUnconfirmed
+from crtk_drivers.state import REPEATED, OperatingState
 from rigs.loopback_client import Far, Node, driver_process, far_device
 from rigs.programs import Program, Start
 from rigs.waiting import LONG, eventually
@@ -30,6 +32,9 @@ NAMESPACE = "/client_confirmed"
 SOON = CONFIRM_TIMEOUT + 3.0
 """Seconds in which a stop fails that nobody confirms, on a busy machine."""
 TRIES = 20
+UNCONFIRMED = 1.0
+STOPPED = {"disable": "DISABLED", "pause": "PAUSED"}
+SET_GOING = {"disable": "enable", "pause": "resume"}
 
 LISTENER = """
 import sys, rclpy
@@ -181,6 +186,24 @@ def test_a_recorder_that_stands_still_fails_no_hold(
     )
 
 
+def test_a_stop_that_waits_stops_no_thread_beside_it(
+    driver: tuple[Program, RemoteDevice],
+) -> None:
+    """A program has streams and stops of other devices in its other threads."""
+    process, arm = driver
+    arm.enable(timeout=LONG)
+    outbox: Any = arm._space.connected("hold")
+    with frozen(process), ThreadPoolExecutor(1) as pool:
+        outbox.send(None)
+        waiting = pool.submit(outbox.confirmed, UNCONFIRMED)
+        turns = 0
+        while not waiting.done():
+            time.sleep(UNCONFIRMED / 100)
+            turns += 1
+        assert not waiting.result()
+    assert turns > 10
+
+
 def test_listeners_at_best_effort_delay_no_hold(far: Far) -> None:
     outbox: Any = far.arm._space.connected("hold")
     with Node("best_effort") as other:
@@ -190,3 +213,75 @@ def test_listeners_at_best_effort_delay_no_hold(far: Far) -> None:
         began = time.monotonic()
         far.arm.hold()
         assert time.monotonic() - began < CONFIRM_TIMEOUT
+
+
+def _listening(topic: str, kind: str) -> Any:
+    """A recorder of a topic, which says when it is ready."""
+    script = LISTENER.replace("std_msgs", "crtk_msgs").replace("Empty", kind)
+    return subprocess.Popen([sys.executable, "-c", script, topic], stdout=subprocess.PIPE)
+
+
+@pytest.mark.parametrize("stop", ["disable", "pause"])
+def test_a_repeated_stop_undoes_no_later_enable(
+    far: Far, monkeypatch: pytest.MonkeyPatch, stop: str
+) -> None:
+    """A recorder that stands still confirms nothing, and lets each stop be sent again."""
+    monkeypatch.setattr(remote, "REPEAT", 0.5)
+    monkeypatch.setattr(remote, "ANSWER_TIMEOUT", 1.0)
+    topic, engine = f"{NAMESPACE}/state_command", far.engine
+    far.reset()
+    outbox: Any = far.arm._space.connected("state_command")
+    known, before, seen = outbox.listeners, engine.hearers, list[OperatingState]()
+
+    def hear(name: str, value: Any, _: int) -> None:
+        if value.value == stop:
+            seen.append(engine.status.state)
+
+    with _listening(topic, "StringStamped") as child:
+        try:
+            assert child.stdout is not None
+            assert child.stdout.readline() == b"ready\n"
+            eventually(lambda: outbox.listeners == known + 1, "it listens")
+            far.arm.enable(timeout=LONG)
+            engine.hearers = (hear,)
+            with frozen(child), ThreadPoolExecutor(1) as pool:
+                stopping = pool.submit(far.arm.state_command, stop)
+                eventually(lambda: engine.status.state == STOPPED[stop], "it is carried out")
+                engine.state_command(SET_GOING[stop])
+                eventually(lambda: engine.status.state == "ENABLED", "it is set going again")
+                assert not stopping.done(), "it waits still"
+                at = len(seen)
+                eventually(lambda: len(seen) > at, "the stop is sent again")
+                with suppress(CommandRefused):  # where it was not heard that it had stopped
+                    stopping.result(LONG)
+            assert engine.transition_ended
+            assert engine.status.state == "ENABLED"
+            far.arm.state_command(stop)
+            assert engine.status.state == STOPPED[stop], "a new one is carried out"
+        finally:
+            engine.hearers = before
+            child.kill()
+
+
+def test_a_repeated_stop_whose_first_was_lost_stops(far: Far) -> None:
+    outbox: Any = far.arm._space.connected("state_command")
+    far.reset()
+    far.arm.enable(timeout=LONG)
+    outbox.send("disable", REPEATED, time.time_ns())
+    eventually(lambda: far.engine.status.state == "DISABLED", "it is carried out")
+
+
+def test_a_driver_that_stands_by_confirms_no_stop_of_another(start: Start) -> None:
+    """It answers the queries of clients, while the one that moves stands still."""
+    with driver_process(start, "/confirmed_two") as again:
+        first = again()
+        with connect("/confirmed_two", timeout=LONG) as arm:
+            arm.add("hold", "state_command", "operating_state")
+            arm.enable(timeout=LONG)
+            outbox: Any = arm._space.connected("hold")
+            again()
+            eventually(lambda: outbox.listeners == 2, "the second listens")
+            with frozen(first):
+                outbox.send(None)
+                with pytest.raises(StopUnconfirmed, match="of 2 drivers"):
+                    arm._require_arrival("hold", outbox)
