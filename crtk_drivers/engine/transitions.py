@@ -280,6 +280,8 @@ class Transitions:
             return
         if not has_begun and running.command is not StateCommand.DISABLE:
             self._stopping.moves_again()
+        if not has_begun and running.command is StateCommand.HOME:
+            self._feedback.follow_device()  # also where it is broken off, nothing goes back to before
         if running.command in self._moving or running.command in HOMING_COMMANDS:
             self._stopping.motion_sent()
         if has_ended and self._reached(running, now):
