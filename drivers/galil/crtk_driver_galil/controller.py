@@ -52,6 +52,8 @@ __all__ = ["GalilController", "create"]
 
 HOMED_WORD: Final = "crtkhm"
 """Begin of the name of a variable of the controller that a restart forgets: whether an axis was homed."""
+HOME_WORD: Final = "crtkat"
+"""Begin of the name of another one: what the axis was set to count there."""
 QUICK: Final = 8.0
 """Acceleration towards the newest position with pt, in those of the joint: its ramp slows down before it."""
 TRANSITION: Final = 5.0
@@ -202,15 +204,20 @@ class GalilController(MotionController):
                 )
 
     def _remembers_home(self, examination: Examination) -> bool:
+        """Whether all axes count from where this configuration says; another one may have homed them."""
+        wanted = self._words_of_home
         try:
-            words = [numbers(examination.ask(f"{word}=?"))[0] for word in self._homed_words]
+            told = [numbers(examination.ask(f"{word}=?"))[0] for word in wanted]
         except (CommandRefusedByController, ValueError):
             return False  # it has been restarted since, and knows no such variable
-        return all(word == 1.0 for word in words)
+        return told == list(wanted.values())
 
     @property
-    def _homed_words(self) -> list[str]:
-        return [f"{HOMED_WORD}{self._joints[place].axis}" for place in self.homes]
+    def _words_of_home(self) -> dict[str, int]:
+        """Variables of the controller with all axes homed, by name."""
+        joints = [self._joints[place] for place in self.homes]
+        at = {f"{HOME_WORD}{joint.axis}": _home_counts(joint) for joint in joints}
+        return at | {f"{HOMED_WORD}{joint.axis}": 1 for joint in joints}
 
     @override
     def close(self, *, power_off: bool) -> None:
@@ -372,11 +379,12 @@ class GalilController(MotionController):
     def home(self, place: int) -> Generator[None, None, Complaint | None]:
         joint = self._joints[place]
         assert joint.homing is not None
+        yield from self._do([f"{HOMED_WORD}{joint.axis}=0"])  # whoever connects after a half homing
         if joint.homing.method != "here":
             complaint = yield from self._search(place, joint, joint.homing)
             if complaint is not None:
                 return complaint
-        counts = round(joint.counts(joint.homing.position))
+        counts = _home_counts(joint)
         yield from self._do([f"DP{joint.axis}={counts}", f"SP {self._speeds()}"])
         counted = yield from until(
             lambda: abs(self._told[place].position - counts) * joint.scale < joint.arrives_within,
@@ -420,13 +428,13 @@ class GalilController(MotionController):
 
     @override
     def homed(self) -> Steps:
-        yield from self._do([f"{word}=1" for word in self._homed_words])
+        yield from self._do([f"{word}={value}" for word, value in self._words_of_home.items()])
         self._homed = True
 
     @override
     def unhome(self) -> Steps:
         self._homed = False
-        yield from self._do([f"{word}=0" for word in self._homed_words])
+        yield from self._do([f"{HOMED_WORD}{self._joints[place].axis}=0" for place in self.homes])
 
     def _speeds(self) -> str:
         """Operands of SP: those of the joints, or more where positions are limited on their way here."""
@@ -452,6 +460,11 @@ class GalilController(MotionController):
                 raise refused[0]
         finally:
             self._faults.watched = watched
+
+
+def _home_counts(joint: JointConfig) -> int:
+    """Return what an axis counts where it is homed."""
+    return 0 if joint.homing is None else round(joint.counts(joint.homing.position))
 
 
 def _limit(switches: int) -> str:

@@ -118,6 +118,37 @@ def test_home_is_remembered_of_each_axis(sim: RunningSim) -> None:
         eventually(arm.is_homed, "it is remembered")
 
 
+def test_half_a_homing_is_not_remembered(sim: RunningSim) -> None:
+    """Its axis was homed before, by an arm without the other one; now it counts from 0 at its switch."""
+    homing = {"method": "home", "position": 0.5, "speed": 0.8}
+    keys = joints(homing={"method": "here"})
+    keys["joint_a"]["homing"] = homing
+    alone = {"joint_a": keys["joint_a"]}
+    with arm_at(sim, joints=alone) as arm:
+        arm.enable(LONG)
+        arm.home(LONG)
+    with arm_at(sim, joints=keys) as arm:
+        arm.enable(LONG)
+        sim.control.inject("refuses", command="DP")
+        with pytest.raises(CrtkError, match=r"'DP.*' was refused"):
+            arm.home(LONG)
+        sim.control.clear()
+    with arm_at(sim, joints=alone) as arm:
+        assert abs(arm.measured_js(age=0).position[0]) < 0.01
+        assert not arm.is_homed()
+
+
+def test_home_at_another_position_is_not_remembered(sim: RunningSim) -> None:
+    keys = joints(homing={"method": "here"})
+    with arm_at(sim, joints=keys) as arm:
+        arm.enable(LONG)
+        arm.home(LONG)
+    with arm_at(sim, joints=joints(homing={"method": "here", "position": 0.5})) as arm:
+        assert not arm.is_homed()
+    with arm_at(sim, joints=keys) as arm:
+        eventually(arm.is_homed, "it is remembered")
+
+
 def test_a_home_position_that_is_not_counted_is_not_believed(sim: RunningSim) -> None:
     with arm_at(sim, joints=joints(homing={"method": "here", "position": 0.1})) as arm:
         arm.enable(LONG)
