@@ -70,7 +70,7 @@ def _heard(fault: str, name: str, kind: str, **parameters: Any) -> Way:
 
 
 _OWN = (
-    *frozen(within=SAMPLES, stands=STOP),
+    *frozen(within=SAMPLES, stands=STOP, far=SHORT),  # the stop waits for it, or is sent again
     Way(
         "F11",
         "it loses its power and gets it back",
