@@ -69,13 +69,16 @@ CLOCK = "own clock"
 PAUSE = "own pause"
 FROZEN = "own frozen"
 OWN_KINDS = frozenset({CLOCK, PAUSE, FROZEN, *disturbed.KINDS})
-"""Kinds that every rig has, beside those of its simulator: `disturbed.KINDS`, the system clock jumps by
-`seconds`, the I/O thread gets no time for `seconds`, the simulator's process none (SIGSTOP), for `seconds` or
-until the fault ends."""
+"""Kinds of fault that every rig has, beside those of its simulator: `disturbed.KINDS`, and
+
+- `CLOCK`: the system clock jumps by `seconds`;
+- `PAUSE`: the I/O thread gets no time for `seconds`;
+- `FROZEN`: the simulator's process gets no time (SIGSTOP), for `seconds` or until the fault ends.
+"""
 
 
 class BrokenPromiseError(AssertionError):
-    """What the table says did not follow."""
+    """Something did not follow that the table of faults says."""
 
 
 class Announced(NamedTuple):
@@ -114,13 +117,13 @@ class Rig(ABC):
         values: configuration in which a busy machine is no fault; `defaults`: for measuring.
         thorough: one fault is met in every activity in CI, too.
         tolerance: how far (rad, m) joints that stand may seem to move.
-        belated: seconds in which a fault may still be told of that is over already.
-        homes_on: seconds for which it homes by itself at most, when nobody can stop it.
+        belated: seconds after the end of a fault in which it may still be reported.
+        homes_on: seconds for which the hardware goes on homing at most where the link is lost. What goes on
+            by itself in one fault, whatever it was doing, says `Way.runs_on`.
         services: those that move a device that is not ENABLED; a walk asks for them, too.
-        stop_time: declared s in which joints stand after a stop; what the driver declares if None. It does
-            not count where no stop can come to the hardware (`Way.runs_on`).
+        stop_time: declared s in which joints stand after a stop; what the driver declares if None.
         arrival: how far (rad, m) from its goal a move that began in motion may seem to be, in a walk.
-        younger: seconds by which a stamp may be younger than where the joints were shows, see `stamps`.
+        younger: seconds by which each stamp may seem too young, see `stamps`; `Way.younger` adds to it.
     """
 
     name: ClassVar[str]
@@ -254,18 +257,18 @@ class Rig(ABC):
 
     @property
     def moves_joints(self) -> bool:
-        """Whether it has joints, and can be told to move them."""
+        """Whether it has joints, and commands that move them."""
         return bool(self.engine.capabilities.joints and self.engine.capabilities.modes)
 
     @property
     def _sees_joints(self) -> bool:
-        """Whether where the joints are is known to the driver, or there are none."""
+        """Whether the driver knows where the joints are, or there are none."""
         if not self.engine.capabilities.joints:
             return True
         return self.valid("measured_js") is not None
 
     def valid(self, name: str) -> tuple[Any, Stamp] | None:
-        """Return a feedback and its stamp if it is told as valid."""
+        """Return a feedback and its stamp if it is published as valid."""
         found = self.engine.feedback(name)
         return None if found is None or found[1].wall_ns == 0 else found
 
@@ -340,7 +343,7 @@ class Rig(ABC):
         return look
 
     def check_stamps(self) -> None:
-        """Promise 4: what is stamped as fresh is fresh."""
+        """Check promise 4: what is stamped as fresh is fresh."""
         for name in ("measured_js", "measured_cf"):
             if name not in self.engine.commands:
                 continue
@@ -353,7 +356,7 @@ class Rig(ABC):
         self._check_youth()
 
     def _check_youth(self) -> None:
-        """The joints were where they are told to be no earlier than the stamp says."""
+        """Require that the joints were where `measured_js` says at the time of its stamp, or later."""
         before, self._measured = self._measured, self.valid("measured_js")
         if before is None:
             return
@@ -489,7 +492,6 @@ class Rig(ABC):
 
     def begin_activity(self, name: str) -> None:
         """Begin what it does, and wait until it does it."""
-        self._streams = True
         start = self.look().joints
         self.activity = Activity(name, self.arm, self.homeward(name))
         if name in STANDING:
@@ -529,8 +531,9 @@ class Rig(ABC):
         self._streams = False
 
     def stop_activity(self) -> None:
-        """Send nothing more."""
+        """Send nothing more. A stream that begins later is sent again."""
         self.activity = None
+        self._streams = True
 
     # --------------------------------------------------------------------------------------- faults
 

@@ -71,21 +71,23 @@ class Way:
         fault: its number.
         name: in words, unique with the driver and the number.
         follows: what must follow.
-        kind: of fault at the simulator, or one of the rig's own (see `Rig.begin`).
+        kind: of fault at the simulator, or one of the rig's own (`rig.OWN_KINDS`).
         parameters: of it.
         states: the operating states of which one must be announced.
         detail: words that the reason must have.
         within: declared s from the fault until the state is announced.
         stands: declared s from the fault until the joints stand; the deceleration included.
         far: how far (rad, m) a joint may go from the fault on.
-        runs_on: no stop comes to the hardware, which goes on to where it was sent last, or another sends it.
+        runs_on: no stop of ours counts in it. None comes to the hardware, which goes on to where it was sent
+            last, or another program moves it: for `stands` at most.
         may_lose_link: for `Follows.OBEYS`, it may end the connection: a stop is refused until that is back,
             where the joints that move are stopped.
-        freezes: the joints stand in it whatever they did; what must stop them is judged from its end.
+        freezes: the joints stand in it whatever they did. When they stand, and how far they go, is judged
+            from its end. A walk does not take it.
         lags: joints that it held back, no further than a following error, catch up when it is over.
         repair: name of a method of the rig that does what a person does besides.
         activities: those in which it is met; all of the driver if empty.
-        younger: seconds by which stamps are too young in it, which this driver cannot know.
+        younger: seconds by which stamps may be too young in it, since this driver cannot know better.
         action: for `Follows.OBEYS`, what is asked for: hold, disable, pause, or close.
         pending: why a cell still fails, in words, by activity or `ANY`.
     """

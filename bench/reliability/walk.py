@@ -33,7 +33,8 @@ _WALKED: Final = frozenset({Follows.STOPS, Follows.GOES_ON})
 def walkable(rig: type[Rig]) -> tuple[Way, ...]:
     """Return the ways that a walk may take: faults that begin and end while a driver runs.
 
-    Those that still fail are left out.
+    Left out are those that still fail, and those in which the hardware freezes: a walk judges each moment,
+    and what joints do there counts only from the end.
     """
     return tuple(
         way for way in rig.ways if way.follows in _WALKED and not way.pending and not way.freezes
@@ -61,11 +62,11 @@ class Walk:
         self.story = Story()
         self._fault: Way | None = None
         self._asked = -math.inf
-        self._told_by = -math.inf
-        self._searches_until = -math.inf
+        self._reported_by = -math.inf
+        self._alone_until = -math.inf
+        """Until when hardware may go on by itself where no stop of ours counts."""
         self._start = np.zeros(0)
         self._far = 0.0
-        self._runs_on = False
         self._requests: list[Request] = []
 
     # ------------------------------------------------------------------------------------------ steps
@@ -121,7 +122,8 @@ class Walk:
         self.story.add("fault", f"{way.fault} {way.name}")
         self.rig.begin_fault(way)
         self._fault = way
-        self._runs_on = way.runs_on
+        if way.runs_on:
+            self._alone_until = max(self._alone_until, time.monotonic() + way.stands)
         self.go_on(0.1)
 
     def end_fault(self) -> None:
@@ -132,7 +134,7 @@ class Walk:
             if self._fault.lags:
                 self._asked = time.monotonic()
             if self._fault.follows is Follows.STOPS:
-                self._told_by = time.monotonic() + self.rig.belated
+                self._reported_by = time.monotonic() + self.rig.belated
             self._fault = None
             self.go_on(0.05)
 
@@ -140,8 +142,8 @@ class Walk:
         """Close the driver and start another, whatever goes on."""
         self.end_fault()
         self.story.add("restart")
-        if not self.rig.engine.connected:
-            self._asked = max(self._asked, self._searches_until)  # nobody could stop that
+        if not self.rig.engine.connected:  # the next driver stops nothing as it connects
+            self._asked = max(self._asked, self._alone_until)
         self.rig.reopen()
         self.go_on(0.05)
 
@@ -158,7 +160,7 @@ class Walk:
                 return
 
     def _never_refused(self, name: str, call: Callable[[], object]) -> None:
-        """Promise 8: a stop is never refused while there is a connection."""
+        """Check promise 8: a stop is never refused while there is a connection."""
         connected = self.rig.engine.connected
         try:
             call()
@@ -190,32 +192,20 @@ class Walk:
         self._check_refusals()
 
     def _check_rest(self) -> None:
-        """Promises 1 to 3: what nobody has asked for does not move, and what was stopped stands in time."""
+        """Check promises 1 to 3: nothing moves unasked, and what was stopped stands in time."""
         rig, now = self.rig, time.monotonic()
-        policy = rig.engine.capabilities.stop
-        timeouts = rig.engine.options
-        silent = max(timeouts.stream_timeout, timeouts.interpolate_timeout)
-        moving = rig.status.state == "ENABLED" and (
-            rig.status.is_busy or (rig.activity is not None and rig.activity.name in STREAMS)
-        )
-        self._runs_on &= self._fault is not None or not rig.connected
         self._requests = [request for request in self._requests if not request.has_ended]
-        if (
-            moving
-            or rig.engine.transition_ended is False
-            or self._runs_on
-            or any(not request.broken_off_by for request in self._requests)
-        ):
+        cut_off = self._fault is not None and self._fault.runs_on
+        if self._is_asked_to_move():
             self._asked = now
-            if rig.activity is not None and rig.activity.name == HOME:
-                self._searches_until = now + rig.homes_on
-        elif not rig.engine.connected and now < self._searches_until:
+            if not cut_off:
+                homes = (
+                    rig.activity is not None and rig.activity.name == HOME
+                )  # by the drive itself
+                self._alone_until = now + rig.homes_on if homes else -math.inf
+        elif now < self._alone_until and (cut_off or not rig.engine.connected):
             self._asked = now
-        if rig.stop_time is None:
-            allowed = max(silent, policy.link_timeout) + policy.time + LATE
-        else:
-            allowed = silent + rig.stop_time + LATE
-        if now - self._asked > allowed and not rig.still(STILL):
+        if now - self._asked > self._allowed() and not rig.still(STILL):
             recent = [look for look in rig.looks if look.at >= now - STILL]
             if len(recent) > 3:
                 far = float(np.ptp(np.array([x.joints for x in recent]), axis=0).max(initial=0.0))
@@ -225,8 +215,27 @@ class Walk:
                         "the last reason to"
                     )
 
+    def _is_asked_to_move(self) -> bool:
+        """Whether a client lets the joints move: by a stream, a move, a transition or a service."""
+        rig = self.rig
+        streams = rig.activity is not None and rig.activity.name in STREAMS
+        return (
+            (rig.status.state == "ENABLED" and (rig.status.is_busy or streams))
+            or not rig.engine.transition_ended
+            or any(not request.broken_off_by for request in self._requests)
+        )
+
+    def _allowed(self) -> float:
+        """Return the seconds after the last reason to move in which the joints must stand."""
+        policy = self.rig.engine.capabilities.stop
+        timeouts = self.rig.engine.options
+        silent = max(timeouts.stream_timeout, timeouts.interpolate_timeout)
+        if self.rig.stop_time is None:
+            return max(silent, policy.link_timeout) + policy.time + LATE
+        return silent + self.rig.stop_time + LATE
+
     def _check_finite(self) -> None:
-        """Promise 10: nothing that is not finite is told as valid."""
+        """Check promise 10: nothing that is not finite is published as valid."""
         found = self.rig.valid("measured_js") if self.rig.looks[-1].joints.size else None
         if found is None:
             return
@@ -235,7 +244,7 @@ class Walk:
             raise self.broken(f"measured_js is {value.position}")
 
     def _check_reached(self) -> None:
-        """Promise 9: a move that is reached is where it was to be."""
+        """Check promise 9: a move that is reached is where it was to be."""
         activity = self.rig.activity
         if activity is None or activity.name != "move_jp" or activity.move is None:
             return
@@ -247,7 +256,7 @@ class Walk:
         activity.move = None
 
     def _check_refusals(self) -> None:
-        """Promise 5."""
+        """Check promise 5: what is refused is refused with a reason."""
         for refusal in self.rig.log.refused:
             if not refusal.detail:
                 raise self.broken(f"refused without a reason: {refusal!r}")
@@ -259,8 +268,8 @@ class Walk:
         """Whatever was before: without faults it connects, enables, moves, and can be stopped."""
         self.rig.stop_activity()
         self.end_fault()
-        if time.monotonic() < self._told_by:
-            self.go_on(self._told_by - time.monotonic())
+        if time.monotonic() < self._reported_by:
+            self.go_on(self._reported_by - time.monotonic())
         try:
             self.rig.ready()
             if self.rig.moves_joints:
