@@ -204,7 +204,7 @@ def of_part(
 
     Args:
         fault, name, kind, detail: see `Way`.
-        within: declared s in which it is told.
+        within: declared s in which it is reported.
         stop: declared s in which joints then stand.
         parameters: of the fault; which part it is, too.
     """

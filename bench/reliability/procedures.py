@@ -113,7 +113,7 @@ def _stood(rig: Rig, way: Way, began: float, result: Result) -> np.ndarray:
 
 
 def _ended(rig: Rig) -> None:
-    """The move is over, if there was one, and what a client goes on sending is refused with a reason."""
+    """Require that no move is under way, and that one that was aborted has a reason."""
     rig.require(not rig.status.is_busy, "it is still busy")
     move = rig.activity.move if rig.activity else None
     if move is not None:
@@ -149,7 +149,7 @@ def _enables(rig: Rig) -> None:
 
 
 def _goes_on(rig: Rig, way: Way, activity: str) -> Result:
-    """The state stays ENABLED, what it does goes on, and what is told is true."""
+    """The state stays ENABLED, and what the driver does goes on."""
     rig.begin_activity(activity)
     rig.log.announced.clear()
     before = rig.look().joints
@@ -239,7 +239,7 @@ def _reopened(rig: Rig, rest: np.ndarray, result: Result) -> Result:
 
 
 def _kept_out(rig: Rig, way: Way, activity: str) -> Result:
-    """A second driver is refused and told why; the first one goes on."""
+    """A second driver is refused with a reason; the first one goes on."""
     rig.begin_activity(activity)
     rig.log.announced.clear()
     began = time.monotonic()
@@ -302,7 +302,7 @@ def _outlived(rig: Rig, way: Way, activity: str) -> Result:
 
 
 def _obeys(rig: Rig, way: Way, activity: str) -> Result:
-    """A stop is carried out though one message of it is not; what cannot be confirmed is told."""
+    """A stop is carried out though one of its messages is not; what cannot be confirmed is reported."""
     rig.begin_activity(activity)
     began = rig.begin_fault(way)
     rig.stop_activity()
