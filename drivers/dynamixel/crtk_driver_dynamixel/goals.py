@@ -58,6 +58,7 @@ class SentGoals:
         self._read = [0] * len(servos)
         self._refused = [0] * len(servos)
         self._far_since = math.inf
+        self._undecided = np.zeros(len(servos), dtype=np.bool_)
         self.positions: Counts | None = None
 
     def forget(self) -> None:
@@ -90,24 +91,44 @@ class SentGoals:
             self._registers[kind] = found
         return found
 
-    def held(self, here: Counts, *, where_they_are: bool) -> dict[int, int]:
-        """Return goals, by place, that hold servos in position mode: where they were sent, or where they are.
+    def held(self, here: Counts, *, where_they_are: bool) -> dict[int, int | None]:
+        """Return goals, by place, that hold servos in position mode: where they are, or where they were sent.
+
+        Where they were sent holds only those that are there: one that is blocked, or did not hear it, would
+        jump. So these goals are None until `decide` knows where a servo is.
 
         Args:
-            here: (servos,) present positions.
-            where_they_are: all of them; otherwise those that are far from their goals: one that is blocked
-                would jump when it comes free.
+            here: (servos,) positions that were seen last.
+            where_they_are: all of them, as servos with a profile are on their way.
         """
         if self.positions is None:
             return {}
-        is_far = np.abs(self.positions - here) > self._reach
-        self._remember(
-            Kind.POSITION, here if where_they_are else np.where(is_far, here, self.positions)
-        )
+        self._undecided[:] = not where_they_are
+        if where_they_are:
+            self._remember(Kind.POSITION, here)
         return {
-            self._places[i]: int(self.positions[i])
+            self._places[i]: int(self.positions[i]) if where_they_are else None
             for i in np.flatnonzero(self._commanded).tolist()
         }
+
+    def decide(self, held: dict[int, int | None], here: Counts, heard: NDArray[np.bool_]) -> None:
+        """Put the goals into `held` of servos that are heard now: one that is far from its goal stays here.
+
+        A position that is older says nothing of that: setpoints have gone on, and a servo with them.
+
+        Args:
+            held: what the method of this name returned.
+            here: (servos,) present positions.
+            heard: (servos,) whose positions were read in this cycle.
+        """
+        ready = self._undecided & heard
+        if self.positions is None or not ready.any():
+            return
+        self._undecided &= ~heard
+        is_far = np.abs(self.positions - here) > self._reach
+        self._remember(Kind.POSITION, np.where(ready & is_far, here, self.positions))
+        for i in np.flatnonzero(ready & self._commanded).tolist():
+            held[self._places[i]] = int(self.positions[i])
 
     def refused(self) -> str:
         """Compare what servos hold, read now and then, with what was sent, and send it again if it differs.

@@ -287,6 +287,7 @@ class Part:
         held = self._sent.held(here, where_they_are=self._has_profile)
         if not held:
             self._sent.forget()
+        self._decide(held)
         # A change of mode would take the torque away, and may not come to its end.
         may_switch = self.kind is not Kind.VELOCITY or not self._is_troubled()
         is_ours = self.kind is not None and not self._is_free
@@ -294,6 +295,7 @@ class Part:
             if reason and not self._fault:
                 self._fault = reason
             yield
+            self._decide(held)
         left_out: list[int] = []
         if may_switch and (self._is_free or self.kind in (Kind.VELOCITY, Kind.EFFORT)):
             places = self._answering()
@@ -305,10 +307,15 @@ class Part:
             self._is_free = False
         for _ in stopping.until_confirmed(lambda: self.places, held, at_once=is_ours):
             yield
+            self._decide(held)
         # Who was silent meanwhile may be heard again before anybody has taken it for a fault.
         back = [place for place in self._answering() if place in left_out]
         if back:
             yield from self._hold_here(back)
+
+    def _decide(self, held: dict[int, int | None]) -> None:
+        frame = self._frame
+        self._sent.decide(held, self.own(frame.position), self.own(frame.valid))
 
     def _hold_here(self, places: Sequence[int]) -> Steps:
         counts = self._link.read_positions(places)

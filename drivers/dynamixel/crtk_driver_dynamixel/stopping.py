@@ -44,11 +44,12 @@ class Stopping:
         self.unconfirmed: tuple[int, ...] = ()
         self.time = STOP_TIME + max(_ramp(link.chain.servos[place]) for place in places)
 
-    def write(self, places: Sequence[int], held: Mapping[int, int] | None = None) -> None:
+    def write(self, places: Sequence[int], held: Mapping[int, int | None] | None = None) -> None:
         """Tell servos once to stop; nobody answers.
 
         Args:
-            held: goals by the place of servos in a mode for positions; others of them are told nothing.
+            held: goals by the place of servos in a mode for positions; others of them are told nothing. None:
+                a servo keeps the goal that it has, and is not known to have stopped.
         """
         wanted = self._wanted(places, held or {})
         taking = {place: goals for place, goals in wanted.items() if self._link.takes_goals(place)}
@@ -61,7 +62,7 @@ class Stopping:
     def until_confirmed(
         self,
         places: Callable[[], Sequence[int]],
-        held: Mapping[int, int] | None = None,
+        held: Mapping[int, int | None] | None = None,
         *,
         at_once: bool,
     ) -> Iterator[str]:
@@ -69,14 +70,14 @@ class Stopping:
 
         Args:
             places: of those to be stopped, asked anew in each cycle.
-            held: see `write`.
+            held: see `write`; may change from cycle to cycle.
             at_once: write before the first reading, and to those that do not answer: a goal may switch the
                 torque on of a servo that was not enabled.
 
         Yields:
             what is the matter, once `time` is over; empty before.
         """
-        goals = held or {}
+        goals = {} if held is None else held
         end = time.monotonic() + self.time
         if at_once:
             self.write(places(), goals)
@@ -89,7 +90,13 @@ class Stopping:
             # Who is silent would cost the others the time of its answer, cycle by cycle.
             read = self._link.read_values([p for p in here if self._link.answers(p)], _READ)
             wanted = self._wanted(here, goals)
-            moving = [place for place in here if not self._stands(place, read.get(place), wanted)]
+            moving = [
+                place
+                for place in here
+                if not self._stands(
+                    place, read.get(place), wanted, is_open=goals.get(place, 0) is None
+                )
+            ]
             stopped |= {*here} - {*moving}
             self.unconfirmed = tuple(moving)
             if not moving:
@@ -103,7 +110,7 @@ class Stopping:
         names = ", ".join(self._link.chain.servos[place].place for place in self.unconfirmed)
         return f"{names}: told to stop, and not seen to have stopped in {self.time:g} s"
 
-    def _wanted(self, places: Sequence[int], held: Mapping[int, int]) -> dict[int, Values]:
+    def _wanted(self, places: Sequence[int], held: Mapping[int, int | None]) -> dict[int, Values]:
         """Return the goals at which servos stop, in the mode that each is in."""
         wanted: dict[int, Values] = {}
         for place in places:
@@ -112,17 +119,25 @@ class Stopping:
                 continue  # it has no goals
             if register is not None:
                 wanted[place] = {register: 0}
-            elif place in held:
-                wanted[place] = {"goal_position": held[place]}
+            elif (goal := held.get(place)) is not None:
+                wanted[place] = {"goal_position": goal}
         return wanted
 
-    def _stands(self, place: int, read: Values | None, wanted: Mapping[int, Values]) -> bool:
-        """Whether what was read of a servo says that it has stopped; None: it did not answer."""
+    def _stands(
+        self, place: int, read: Values | None, wanted: Mapping[int, Values], *, is_open: bool
+    ) -> bool:
+        """Whether what was read of a servo says that it has stopped.
+
+        Args:
+            read: None: it did not answer.
+            is_open: where it is to be held is not known yet.
+        """
         if read is None:
             return False
         if not _has_torque(read):
             return True
-        has_goal = all(read.get(name) == value for name, value in wanted.get(place, {}).items())
+        goals = wanted.get(place, {})
+        has_goal = not is_open and all(read.get(name) == value for name, value in goals.items())
         if not has_goal and read.get("bus_watchdog", 0) >= 0:
             return False
         return self._modes.stop_register(place) not in _TURNING or self._link.rests(place)

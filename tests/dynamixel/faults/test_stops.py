@@ -4,6 +4,7 @@ One message, exactly one, is lost, doubled or late: each of those on every way o
 """
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
@@ -219,3 +220,48 @@ def test_a_servo_that_is_silent_during_a_stop_holds_by_position_as_the_others_wh
                 eventually(lambda: bench.device.has_stopped, "it is read back")
                 bench.arm.resume()
                 assert bench.arm.move_jp([0.2, 0, 0, 0, 0, 0]).wait(LONG)
+
+
+JOINT = 4
+SILENCES = {
+    "nothing of any servo is heard": ("stall", {}),
+    "one servo is not heard": ("drop", {"id": JOINT}),
+    "one servo hears nothing": ("silent", {"id": JOINT}),
+}
+
+
+@pytest.fixture(scope="module")
+def one_by_one():
+    values = {**VALUES, "fast_read": False}
+    with sim_for(values, servos=WEIGHTLESS) as sim:
+        set_upright(sim)
+        with driver_at(sim, values) as bench:
+            yield bench
+
+
+@pytest.mark.parametrize("silence", SILENCES)
+def test_a_silent_joint_never_goes_back(one_by_one, silence):
+    """Where it was seen last is no place to hold it: setpoints have gone on, and it with them."""
+    bench = one_by_one
+    bench.reset()
+    bench.enable()
+    assert bench.arm.move_jp([0, 0, 0, -2.5, 0, 0]).wait(LONG)
+    bench.arm.move_jp([0, 0, 0, 2.5, 0, 0])
+    angles = [bench.servos()[JOINT]["angle"]]
+
+    def looking(until: Callable[[], object], what: str) -> None:
+        eventually(lambda: (angles.append(bench.servos()[JOINT]["angle"]), until())[1], what)
+
+    looking(lambda: angles[-1] > -2.3, "it moves")
+    kind, parameters = SILENCES[silence]
+    bench.sim.control.inject(kind, **parameters)
+    looking(lambda: bench.status.state == "FAULT", "it is told")
+    end = time.monotonic() + 0.3
+    looking(lambda: time.monotonic() > end and bench.stands(), "it stands")
+    with bench.nothing_moves():
+        bench.sim.control.clear()
+        bench.until_connected()
+        bench.cycles(20)
+        eventually(lambda: bench.device.has_stopped, "it is read back")
+    back = np.maximum.accumulate(angles) - angles
+    assert back.max() < 0.03
