@@ -22,7 +22,7 @@ _EXCHANGE: Final = 25
 """Bytes of a command and its answer."""
 _POINT: Final = 32
 """Bytes of a point and its answer."""
-_SHARE: Final = 0.8
+SHARE: Final = 0.8
 """Of the line that points may take: something is to be read, too."""
 _ANSWER: Final = 0.002
 """Seconds that a drive and an adapter take for an answer."""
@@ -179,7 +179,7 @@ class CopleyConfig(DeviceConfig):
     @model_validator(mode="after")
     def _points_are_carried(self) -> Self:
         axes = len(self.joints)
-        needed = axes * (_POINT * 10.0 / self.baud + _ANSWER) / _SHARE
+        needed = axes * (_POINT * 10.0 / self.baud + _ANSWER) / SHARE
         if self.tracking == "pvt" and needed > self.pvt_period:
             raise ValueError(
                 f"pvt_period: {self.pvt_period:g} s is too short for the points of {axes} axes at "

@@ -147,7 +147,9 @@ class CopleyController(MotionController):
         said = "the line repeats commands: is the echo of an adapter or of RS-485 on?"
         firmware = [Note(Severity.INFO, "firmware", self._firmware)] if self._firmware else []
         echo = [Note(Severity.WARNING, "echo", said)] if self._line.echoes else []
-        return (*firmware, *echo)
+        slow = self._tracking.slow
+        late = [Note(Severity.WARNING, "slow line", slow)] if slow else []
+        return (*firmware, *echo, *late)
 
     # --------------------------------------------------------------------------------------- the link
 
@@ -228,7 +230,7 @@ class CopleyController(MotionController):
             self.halt(aside=False)  # with all that a stream had waiting
         # an answer that does not come must not keep the setpoints that are due
         if not self._rounds.go_on(min(deadline, time.monotonic() + 1.0 / self._config.rate)):
-            return Heard()
+            return Heard(None, self._tracking.trouble or self._cannot_follow())
         found, is_sure = self._judged()
         stamp = self._rounds.stamp
         if not (is_sure and self._rounds.is_whole) or stamp is None:
@@ -237,6 +239,13 @@ class CopleyController(MotionController):
         told = ([a.position, a.velocity, a.current] for a in self._axes)
         positions, rates, efforts = zip(*told, strict=True)
         return Heard(Counted(stamp, positions, rates, efforts), found)
+
+    def _cannot_follow(self) -> str:
+        """Return why no setpoint is carried out while a round takes too long; empty if there is no need."""
+        is_blind = time.monotonic() - self._sampled > self.blind
+        has_streams = any(axis.powered for axis in self._axes)
+        homes = any(axis.homing for axis in self._axes)
+        return self._tracking.slow if is_blind and has_streams and not homes else ""
 
     def _judged(self) -> tuple[str, bool]:
         """Return what is a fault, at the end of a round, and whether there is nothing told once only."""

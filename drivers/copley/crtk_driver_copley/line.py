@@ -13,6 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from statistics import median
 from typing import Final
 
 from crtk_driver_copley.codec import END, LONGEST, Reply, get, is_question, parse, put
@@ -63,6 +64,10 @@ def _nothing(_: Reply | None) -> None:
     pass
 
 
+RECENT: Final = 31
+"""Answers of which it is known how long they took."""
+
+
 class Line:
     """One serial line. It belongs to the I/O thread, but for `stop_aside`.
 
@@ -93,6 +98,13 @@ class Line:
         self.echoes = 0
         self.doubts = 0
         self.sent = Stamp(0, 0.0)
+        self._answer_times: deque[float] = deque(maxlen=RECENT)
+
+    @property
+    def answer_time(self) -> float:
+        """Seconds that answers take lately, as a rule; 0.0 as long as few have come."""
+        times = self._answer_times
+        return median(times) if len(times) > RECENT // 2 else 0.0
 
     @property
     def where(self) -> str:
@@ -167,6 +179,7 @@ class Line:
         self._waiting.clear()
         self._asked, self._is_lost = None, False
         self._said_aside.clear()
+        self._answer_times.clear()
 
     # --------------------------------------------------------------------------------------- commands
 
@@ -295,6 +308,8 @@ class Line:
             self._doubt()  # it may have been damaged on its way: an error is believed when it stays
         elif reply.kind in (asked.wanted, "e"):
             self._asked = None
+            if asked.sent == 1:
+                self._answer_times.append(time.monotonic() - self.sent.monotonic)
             asked.take(reply)
         else:
             self._doubt()

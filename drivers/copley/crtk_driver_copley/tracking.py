@@ -14,6 +14,7 @@ from typing import Final, Protocol
 
 from crtk_driver_copley.axis import Axis
 from crtk_driver_copley.codec import Reply, abort, get, put, update
+from crtk_driver_copley.config import SHARE
 from crtk_driver_copley.line import Exchange, Line, Take
 from crtk_driver_copley.stream import Point, PvtStream
 from crtk_driver_copley.tables import (
@@ -74,6 +75,10 @@ class Tracking(Protocol):
         """Whether the axes should be where they were sent last."""
 
     @property
+    def slow(self) -> str:
+        """Why the line is too slow for this, in words; empty if it is not."""
+
+    @property
     def restarts(self) -> int:
         """How many times a stream had to begin anew by itself."""
 
@@ -109,6 +114,7 @@ class ByProfile:
 
     restarts = 0
     wants_free = False
+    slow = ""
 
     def __init__(self, line: Line, axes: Sequence[Axis], *, rests: bool) -> None:
         self._asking = _Asking(line)
@@ -202,10 +208,12 @@ class ByPvt:
         self._axes = axes
         fastest = [AMPLE * axis.joint.velocity * axis.joint.counts for axis in axes]
         self._stream = PvtStream(fastest, period, lead)
+        self._period = period
         self._phase: Callable[[float], None] | None = None
         self._counts: dict[int, int] = {}
         self._places: dict[int, int] = {}  # told once
         self._most_start = 0.5 * lead * period
+        self._most_waiting = lead // 2
         self._points: list[deque[Point]] = [deque() for _ in axes]
         self._busy = [False] * len(axes)
         self._sent = [0] * len(axes)
@@ -230,6 +238,8 @@ class ByPvt:
 
     def follow(self, now: float, counts: Sequence[float]) -> None:
         """See `Tracking`."""
+        if not self._stream.is_running and not self.trouble:
+            self.trouble = self._slow(1.0)
         if self.trouble:
             return
         self._stream.add(now, counts)
@@ -237,6 +247,23 @@ class ByPvt:
             self._come_to_rest()
         else:
             self._phase(now)
+
+    @property
+    def slow(self) -> str:
+        """See `Tracking`."""
+        return self._slow(SHARE)
+
+    def _slow(self, share: float) -> str:
+        """Return what to say if points need more than a share of the line's time; empty if they do not."""
+        answer, count = self._line.answer_time, len(self._axes)
+        needed = count * answer / share
+        if needed <= self._period:
+            return ""
+        return (
+            f"the line is too slow: an answer takes {1000.0 * answer:.0f} ms, so that points of {count} axes "
+            f"need {needed:.2g} s, and pvt_period is {self._period:g} s. Give a longer pvt_period, or look "
+            "at what holds answers back: adapter, serial server, network."
+        )
 
     def _wait(self, now: float) -> None:
         """What was asked for is not answered yet."""
@@ -251,6 +278,8 @@ class ByPvt:
                 self._points[axis].append(point)
         for axis in range(len(self._axes)):
             self._feed(axis)
+        if max(map(len, self._points)) > self._most_waiting:
+            self.trouble = self.slow
 
     def _is_late(self, now: float) -> bool:
         """Whether a drive is at the end of the points that it has, and has stopped there."""
@@ -258,8 +287,9 @@ class ByPvt:
         return self._stream.is_late(now, unsent)
 
     def _restart(self) -> None:
-        """The drives were sent too little, and have stopped."""
+        """The drives were sent too little, and have stopped; on a line that is too slow, for good."""
         self.restarts += 1
+        self.trouble = self.slow
         self._stream.interrupt()
         self._leave_off()
 

@@ -392,6 +392,23 @@ def test_points_that_do_not_come_stop_the_axes(sim: RunningSim) -> None:
         eventually(lambda: arm.operating_state().state == "DISABLED", "it is back")
 
 
+@pytest.mark.parametrize("late", [0.012, 0.03])
+@pytest.mark.parametrize("command", ["move_jp", "servo_jv"])
+def test_a_line_that_is_too_slow_is_named(sim: RunningSim, command: str, late: float) -> None:
+    with arm_at(sim, pvt_period=0.04, pvt_lead=6, sample_timeout=3.0) as arm:
+        arm.enable(LONG)
+        sim.control.inject("late", every=1, seconds=late)
+        move = arm.move_jp([2.0, 0.0, 0.0]) if command == "move_jp" else None
+        while arm.operating_state().state == "ENABLED" and move is None:
+            with suppress(CommandRefused):
+                arm.servo_jv([0.5, 0.0, 0.0])
+            time.sleep(STEP)
+        fault(arm, "the line is too slow: an answer takes")
+        assert move is None or (move.outcome == "aborted" and "pvt_period" in str(move.reason))
+        told = [note.text for note in arm.health().notes if note.key == "slow line"]
+        assert "Give a longer pvt_period" in told[0]
+
+
 def test_a_node_that_is_gone_is_told_with_its_remedy(sim: RunningSim) -> None:
     sim.control.inject("node_gone", node=2)
     refused(sim, "joint_3: it does not tell 0xa0 (status): e 32 CAN network communications failure")
