@@ -356,7 +356,7 @@ class Ros2ControlDevice(Device):
         self._outgoing.wire = None
 
     def _forget(self) -> None:
-        self._states = JointStates(self._arm.joints)
+        self._states = JointStates(self._arm.joints, self._states.lasting_ages)
         self._newest = self._taken = None
 
     def _hear(self, data: bytes, sender: Any) -> None:
@@ -368,8 +368,9 @@ class Ros2ControlDevice(Device):
             self._states.not_read(str(error))
             return
         assert isinstance(found.value, JointState)
-        measured = self._states.take(found.value, found.stamp_ns, sender, arrival)
-        if self._states.rival == (sender, arrival):
+        # By its id, which stays when this driver connects again.
+        measured = self._states.take(found.value, found.stamp_ns, sender.gid, arrival)
+        if self._states.rival == (sender.gid, arrival):
             # In this thread, which may ask the graph: that may know the name a while after the messages come.
             self._rival_name = sender.name
         if measured is not None:

@@ -7,7 +7,7 @@ and NaN where hardware has no such interface. Several nodes may share the topic,
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,6 +20,8 @@ Places = NDArray[np.intp]
 
 WINDOW: Final = 10.0
 """Seconds over which the earliest arrival counts: clocks of two machines drift by less than 1 ms in it."""
+REAL: Final = 1e9
+"""Seconds from which on a stamp is of a real clock, which nobody pauses; simulated ones begin at 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,18 +42,29 @@ class Measured:
 class Ages:
     """When a message was stamped on our clock, from when the earliest of the last seconds came.
 
-    Clocks of the robot and of this machine need not agree, and simulated time is one of these.
+    Clocks of the robot and of this machine need not agree, and simulated time is one of these. A clock that
+    was set back is another one.
     """
 
     def __init__(self) -> None:
         self._least = np.inf
         self._next = np.inf
         self._until = -np.inf
+        self._newest = -np.inf
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it holds for another connection: nobody pauses the clock in between."""
+        return self._newest > REAL
 
     def acquired(self, stamp_ns: int, arrival: float) -> float:
         """Return the monotonic seconds of a stamp; never later than its arrival."""
         stamp = stamp_ns * 1e-9
         late = arrival - stamp
+        if stamp < self._newest:
+            self._least = self._next = late
+            self._until = arrival + WINDOW
+        self._newest = stamp
         if arrival > self._until:
             self._least, self._next = min(self._next, late), late
             self._until = arrival + WINDOW
@@ -64,6 +77,8 @@ class JointStates:
 
     Args:
         joints: names, in the order of the device.
+        ages: by sender, of the connection before: `lasting_ages`. What clocks differ by is not found anew:
+            the first message after a silence may be late, and nothing else says so.
 
     Attributes:
         counts: of messages that were not used, by why.
@@ -71,7 +86,9 @@ class JointStates:
         rival: who else tells of a joint, and when (monotonic s) that was heard last.
     """
 
-    def __init__(self, joints: tuple[str, ...]) -> None:
+    def __init__(
+        self, joints: tuple[str, ...], ages: Mapping[Hashable, Ages] | None = None
+    ) -> None:
         self._joints = joints
         self._places = {name: place for place, name in enumerate(joints)}
         count = len(joints)
@@ -81,10 +98,16 @@ class JointStates:
         self._fresh = np.zeros(count, dtype=bool)
         self._owners: list[Hashable] = [None] * count
         self._orders: dict[tuple[str, ...], tuple[Places, Places]] = {}
-        self._ages: dict[Hashable, Ages] = {}
+        self._ages = dict(ages or {})
         self.counts: Counter[str] = Counter()
         self.problem = ""
         self.rival: tuple[Hashable, float] | None = None
+
+    @property
+    def lasting_ages(self) -> dict[Hashable, Ages]:
+        """What holds for another connection, too."""
+        owners = {*self._owners}
+        return {who: ages for who, ages in self._ages.items() if who in owners and ages.lasts}
 
     def take(
         self, state: JointState, stamp_ns: int, sender: Hashable, arrival: float

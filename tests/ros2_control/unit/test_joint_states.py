@@ -140,3 +140,29 @@ def test_the_earliest_arrival_is_forgotten_when_clocks_drift() -> None:
         found = ages.acquired(int((sent * (1.0 - 1e-3) + 1.0) * 1e9), sent)
     assert sent - found < 0.021  # of 20 s, not of 40
     assert np.isfinite(found)
+
+
+def stamps_after_a_silence(begin: float, *, set_back: float = 0.0, silence: float = 5.0) -> float:
+    """Return how old the first message of another connection seems, which comes 2 s late."""
+    before = JointStates(JOINTS)
+    for number in range(10):
+        sent = 0.1 * number
+        before.take(message(JOINTS, 1.0, 2.0, 3.0), int((begin + sent) * 1e9), "robot", 50.0 + sent)
+    again = JointStates(JOINTS, before.lasting_ages)
+    stamp = int((begin - set_back + silence) * 1e9)
+    found = again.take(message(JOINTS, 1.0, 2.0, 3.0), stamp, "robot", 52.0 + silence)
+    assert found is not None
+    return found.arrived - found.acquired
+
+
+@pytest.mark.parametrize("silence", [5.0, 50.0])
+def test_the_first_state_after_a_silence_is_as_old_as_it_is(silence: float) -> None:
+    assert stamps_after_a_silence(1.8e9, silence=silence) == pytest.approx(2.0, abs=1e-3)
+
+
+def test_a_clock_that_was_set_back_is_another_one() -> None:
+    assert stamps_after_a_silence(1.8e9, set_back=100.0) == 0.0
+
+
+def test_simulated_time_may_have_been_paused_meanwhile() -> None:
+    assert stamps_after_a_silence(20.0) == 0.0
