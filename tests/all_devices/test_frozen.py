@@ -22,7 +22,13 @@ from rigs.gripper_rigs import OnRobotRig, SchunkRig, WsgRig
 from rigs.waiting import eventually
 
 ALL: Final = {**RIGS, **{rig.name: rig for rig in (OnRobotRig, SchunkRig, WsgRig)}}
-GRIPPERS: Final = {"robotiq": 0.05, "onrobot": 0.06, "schunk": 0.05, "weiss-wsg": 0.06}
+GRIPPERS: Final = {
+    "robotiq": 0.05,
+    "robotiq-urcap": 0.05,
+    "onrobot": 0.06,
+    "schunk": 0.05,
+    "weiss-wsg": 0.06,
+}
 """Where (m) fingers are sent, and come from."""
 AWAY: Final = 0.02
 """How far (m) from there they are sent next."""
@@ -38,7 +44,7 @@ LIBRARIES: Final = frozenset({"force-dimension", "openhaptics"})
 ARMS: Final = tuple(
     name
     for name, rig in RIGS.items()
-    if "servo_jp" in rig.activities and name not in ("virtual", "loopback")
+    if "servo_jp" in rig.activities and name not in ("virtual", "loopback", *GRIPPERS)
 )
 STEPS: Final = 50
 STEP: Final = 0.01
@@ -94,6 +100,16 @@ def _thaw(rig: Rig) -> None:
     rig.sim.control.clear()
 
 
+def _close_frozen(rig: Rig) -> None:
+    """Close the driver while its hardware stands still and counts as lost."""
+    try:
+        _freeze(rig)
+        _lost(rig)
+        rig.driver.close()
+    finally:
+        _thaw(rig)
+
+
 def _stands(rig: Rig) -> bool:
     """Return whether the driver has measured that all joints stand."""
     if not rig.engine.capabilities.joints:
@@ -127,12 +143,7 @@ def test_close_is_silent_about_a_move_that_ended(name: str) -> None:
         send = _begin(rig, _ready(rig))
         assert send().wait(PATIENCE)
         eventually(lambda: _stands(rig), "it stands")
-        try:
-            _freeze(rig)
-            _lost(rig)
-            rig.driver.close()
-        finally:
-            _thaw(rig)
+        _close_frozen(rig)
 
 
 @pytest.mark.parametrize("name", _marked(*ARMS))
@@ -160,12 +171,7 @@ def test_close_is_silent_about_a_stream_that_ended(name: str) -> None:
         eventually(has_arrived, "it stands where it was sent")
         samples = rig.engine.health().samples
         eventually(lambda: rig.engine.health().samples > samples + SAMPLES, "it was read so")
-        try:
-            _freeze(rig)
-            _lost(rig)
-            rig.driver.close()
-        finally:
-            _thaw(rig)
+        _close_frozen(rig)
 
 
 @pytest.mark.parametrize("name", _marked(*GRIPPERS))
@@ -174,6 +180,7 @@ def test_fingers_at_rest_are_measured_to_stand_soon(name: str) -> None:
     with ALL[name]() as rig:
         send = _begin(rig, _ready(rig))
         assert send().wait(PATIENCE)
-        ended = time.monotonic()
+        ended = rig.engine.health().samples
         eventually(lambda: _stands(rig), "it stands")
-        assert time.monotonic() - ended < FADED
+        taken = rig.engine.health().samples - ended  # a machine that is busy takes fewer
+        assert taken < FADED * rig.engine.capabilities.rate
