@@ -53,6 +53,7 @@ NOT_THERE: Mapping[str, set[str]] = {
     "dvrk-driven": _NOT_THE_DEVICES | _OF_POSES | {"I5", "I9", "I14", "I15", "I16", "I20"},
     "haply": _NOT_THE_DEVICES | _OF_POSES - {"I10"} | _OF_JOINTS,
     "robotiq": _NOT_THE_DEVICES | _OF_POSES,
+    "robotiq-urcap": _NOT_THE_DEVICES | _OF_POSES,
     "onrobot": _NOT_THE_DEVICES | _OF_POSES,
     "schunk": _NOT_THE_DEVICES | _OF_POSES,
     "ros2-control": _NOT_THE_DEVICES | _OF_POSES,
