@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import HOME, Plan
 from bench.reliability.common import frozen, of_part, outlived, own_process, passing
+from bench.reliability.motor_controllers import FOLLOWED, SEARCH, SPEED, SWITCH, TURN, with_homing
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Follows, Way, asked_to_stop
 from crtk_driver_copley import PLUGIN
@@ -25,17 +24,9 @@ TOLD = 0.4
 """Seconds in which a fault is told: it is believed when it is told twice."""
 STUCK = 1.25
 """Seconds as `common.STALL`, with periods of 60 ms: what the line carries of three axes."""
-TURN = 100_000 / (2.0 * math.pi)
-
 AGAIN = 2.0
 """Declared s in which it connects again, and stops an axis that homes by itself."""
-_FOLLOWED = ("servo_jp", "servo_jv", "interpolate_jp", "interpolate_jv", "move_jp")
-_MOVING = (*_FOLLOWED, HOME)
-SWITCH = 20_000 / TURN
-"""Where its home switches are, rad: its joints are at their offset there."""
-SPEED = 0.3
-SEARCH = 1.5 * SWITCH / SPEED
-"""Seconds in which a drive finds its switch: by itself, whoever is gone (docs/copley.md)."""
+_MOVING = (*FOLLOWED, HOME)
 
 
 def _drive(name: str, kind: str, detail: str, **more: object) -> Way:
@@ -65,11 +56,11 @@ def _single_messages() -> tuple[Way, ...]:
 
 WAYS = (
     Way("F2", "the line is silent", kind="silence", parameters={"port": "serial"}, within=SAMPLES,
-        stands=SAMPLES + BUFFER + STOP, activities=(REST, *_FOLLOWED)),
+        stands=SAMPLES + BUFFER + STOP, activities=(REST, *FOLLOWED)),
     Way("F2", "the line is silent for a moment while it homes", kind="silence",
         parameters={"port": "serial"}, within=SAMPLES, freezes=True, stands=AGAIN + STOP,
         activities=(HOME,)),
-    *frozen(within=SAMPLES, stands=BUFFER + STOP, moment=0.04, activities=(REST, *_FOLLOWED)),
+    *frozen(within=SAMPLES, stands=BUFFER + STOP, moment=0.04, activities=(REST, *FOLLOWED)),
     Way("F3", "nobody answers", Follows.STARTS_LATER, "silence", {"port": "serial"}, within=10.0),
     passing("F5", "a byte of every 31st answer is changed", "corrupt", every=31),
     passing("F5", "a byte of every 31st command is changed", "garbled", every=31),
@@ -79,7 +70,7 @@ WAYS = (
     Way("F6", "a drive behind the first one is gone", kind="node_gone", parameters={"node": 1},
         detail="e 32", within=SAMPLES, stands=SAMPLES + BUFFER + STOP),
     Way("F7", "unplugged, and another tty later", kind="disconnect", parameters={"port": "serial"},
-        detail="the adapter is gone", within=0.2, stands=BUFFER + STOP, activities=(REST, *_FOLLOWED)),
+        detail="the adapter is gone", within=0.2, stands=BUFFER + STOP, activities=(REST, *FOLLOWED)),
     Way("F7", "unplugged, and another tty later, while it homes", kind="disconnect",
         parameters={"port": "serial"}, detail="the adapter is gone", within=0.2, freezes=True,
         stands=AGAIN + STOP, activities=(HOME,)),
@@ -99,7 +90,7 @@ WAYS = (
     *asked_to_stop(STOP + BUFFER, (HOME,)),
     *_single_messages(),
     *own_process(stop=STOP + BUFFER, stream=0.3, stuck=STUCK),
-    *outlived(stands=BUFFER + STOP, activities=_FOLLOWED),
+    *outlived(stands=BUFFER + STOP, activities=FOLLOWED),
     *outlived(stands=SEARCH + STOP, activities=(HOME,), when=" while it homes"),
     Way("F20", "a second driver at the port", Follows.KEPT_OUT, detail="in use"),
 )  # fmt: skip
@@ -111,18 +102,6 @@ ABSENT = (
     Absent("F10", "no CAN but behind the first drive, F6"),
     Absent("F13", "a safety input is F12"),
 )
-
-
-_HOMING = {
-    "offset": SWITCH,
-    "homing": {"method": "switch_positive", "speed": SPEED, "slow": 0.2},
-}
-_HOMED = {
-    "joints": {
-        name: {**joint, **(_HOMING if joint["node"] == 0 else {})}
-        for name, joint in TYPICAL["joints"].items()
-    }
-}
 
 
 class CopleyRig(Rig):
@@ -138,7 +117,11 @@ class CopleyRig(Rig):
     homes_on = SEARCH
     belated = TOLD
     values = {  # noqa: RUF012
-        **_HOMED,
+        **with_homing(
+            TYPICAL["joints"],
+            offset=SWITCH,  # where it is after homing
+            homing={"method": "switch_positive", "speed": SPEED, "slow": 0.2},
+        ),
         "sample_timeout": SAMPLES + HELD_UP,
         "reply_timeout": 0.05,
         "pvt_lead": LEAD,

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from typing_extensions import override
 
 from bench.reliability.activities import HOME, Plan
 from bench.reliability.common import by_tcp, frozen, of_part, outlived, own_process, passing
+from bench.reliability.motor_controllers import FOLLOWED, SEARCH, SPEED, SWITCH, TURN, with_homing
 from bench.reliability.rig import HELD_UP, Rig
 from bench.reliability.table import REST, Absent, Way, asked_to_stop
 from crtk_driver_galil import PLUGIN
@@ -22,17 +21,9 @@ REPLY = 1.0
 FAR_BEHIND = 4.0
 """rad by which a joint may be late on a machine that takes the simulated time away."""
 STOP = 0.7
-TURN = 100_000 / (2.0 * math.pi)
-
 AGAIN = 1.0
 """Declared s in which it connects again, and stops an axis that homes by itself."""
-_FOLLOWED = ("servo_jp", "servo_jv", "interpolate_jp", "interpolate_jv", "move_jp")
-_MOVING = (*_FOLLOWED, HOME)
-SWITCH = 20_000 / TURN
-"""Where its home switches are, rad."""
-SPEED = 0.3
-SEARCH = 1.5 * SWITCH / SPEED
-"""Seconds in which the controller finds its switch: by itself, whoever is gone (docs/galil.md)."""
+_MOVING = (*FOLLOWED, HOME)
 
 
 def _axis(name: str, kind: str, detail: str, **more: object) -> Way:
@@ -46,13 +37,13 @@ WAYS = (
         if way.fault in ("F3", "F4")
     ),
     Way("F1", "the connection is closed", kind="disconnect", parameters={"port": "command"}, stands=STOP,
-        activities=(REST, *_FOLLOWED)),
+        activities=(REST, *FOLLOWED)),
     Way("F1", "the connection is closed for a moment while it homes", kind="disconnect",
         parameters={"port": "command"}, freezes=True, stands=AGAIN + STOP, activities=(HOME,)),
     Way("F2", "commands are not answered", kind="mute", within=REPLY + SAMPLES,
-        stands=REPLY + SAMPLES + STOP, activities=_FOLLOWED),
+        stands=REPLY + SAMPLES + STOP, activities=FOLLOWED),
     Way("F2", "no data records come", kind="no_records", within=SAMPLES, stands=SAMPLES + STOP),
-    *frozen(within=SAMPLES, stands=STOP, activities=(REST, *_FOLLOWED)),
+    *frozen(within=SAMPLES, stands=STOP, activities=(REST, *FOLLOWED)),
     passing("F5", "a byte of every 4th record is changed", "corrupt", every=4),
     passing("F5", "every 4th record is cut", "short", every=4),
     passing("F8", "every 3rd record is lost", "loss", every=3),
@@ -66,7 +57,7 @@ WAYS = (
         detail="encoder failure", within=0.2, stands=0.2 + STOP),
     *asked_to_stop(STOP, (HOME,)),
     *own_process(stop=STOP, stream=0.3),
-    *outlived(stands=STOP, activities=_FOLLOWED),
+    *outlived(stands=STOP, activities=FOLLOWED),
     *outlived(stands=SEARCH + STOP, activities=(HOME,), when=" while it homes"),
 )  # fmt: skip
 
@@ -78,15 +69,6 @@ ABSENT = (
     Absent("F13", "its abort input is a stop code, F12"),
     Absent("F20", "a controller serves eight clients; who asks for records last gets them, F2"),
 )
-
-
-_HOMING = {"method": "home", "speed": SPEED, "position": SWITCH}
-_HOMED = {
-    "joints": {
-        name: {**joint, **({"homing": _HOMING} if joint["axis"] == "A" else {})}
-        for name, joint in TYPICAL["joints"].items()
-    }
-}
 
 
 class GalilRig(Rig):
@@ -101,7 +83,9 @@ class GalilRig(Rig):
     activities = (REST, *_MOVING)
     homes_on = SEARCH
     values = {  # noqa: RUF012
-        **_HOMED,
+        **with_homing(
+            TYPICAL["joints"], homing={"method": "home", "speed": SPEED, "position": SWITCH}
+        ),
         "sample_timeout": SAMPLES + HELD_UP,
         "reply_timeout": REPLY + HELD_UP,
         "open_timeout": 5.0,

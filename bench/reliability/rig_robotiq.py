@@ -69,42 +69,39 @@ def _heard(fault: str, name: str, kind: str, **parameters: Any) -> Way:
     return Way(fault, name, kind=kind, parameters=parameters, within=SAMPLES, stands=stands)
 
 
+def _ends_at_once(fault: str, name: str, kind: str, **more: Any) -> Way:
+    """Return the way in which the gripper itself ends what it does, and is read meanwhile."""
+    return Way(fault, name, kind=kind, stands=STOP, far=SHORT, **more)
+
+
 _OWN = (
     *frozen(within=SAMPLES, stands=STOP, far=SHORT),  # the stop waits for it, or is sent again
-    Way(
+    _ends_at_once(
         "F11",
         "it loses its power and gets it back",
         kind="unpowered",
         within=SAMPLES,
-        stands=STOP,
-        far=SHORT,
     ),
-    Way(
+    _ends_at_once(
         "F12",
         "it is too hot",
         kind="gripper_fault",
         parameters={"code": 8},
         detail="too hot",
-        stands=STOP,
-        far=SHORT,
     ),
-    Way(
+    _ends_at_once(
         "F12",
         "overcurrent, which only a reset clears",
         kind="gripper_fault",
         parameters={"code": 14},
         detail="overcurrent",
-        stands=STOP,
-        far=SHORT,
     ),
-    Way(
+    _ends_at_once(
         "F14",
         "a pendant resets it",
         kind="deactivated",
         states=("DISABLED",),
         detail="not activated",
-        stands=STOP,
-        far=SHORT,
     ),
     Way(
         "F14",
