@@ -7,13 +7,10 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from crtk_sim_backends.kit.profile import cubic, ramp_velocity, toward
+from crtk_sim_backends.kit.profile import cubic, over_the_end, ramp_velocity, toward
 
 STEP: Final = 0.001
 """Seconds of a step."""
-
-COUNTER: Final = float(2**32)
-"""Counts after which positions are the same again: they are numbers of 32 bits, with a sign."""
 
 _GAIN: Final = 1.0 - math.exp(-STEP / 0.004)
 """Share of its error that the motor makes up for in a step: it is 4 ms behind its trajectory."""
@@ -214,10 +211,9 @@ class Axis:
 
     def _wrap(self) -> None:
         """Count on at the other end of 32 bits, as the counter does; where it was sent stays what it is."""
-        turns = math.floor((self.position - self.zero + COUNTER / 2) / COUNTER)
-        if turns:
-            self.zero += turns * COUNTER
-            self.reference -= turns * COUNTER
+        left_out = over_the_end(self.position - self.zero)
+        self.zero += left_out
+        self.reference -= left_out
 
     def _trajectory(self) -> None:
         if self.mode == "go":

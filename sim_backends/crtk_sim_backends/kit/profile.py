@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Final
+
+COUNTER: Final = float(2**32)
+"""Counts after which a counter of 32 bits begins anew."""
+
+
+def over_the_end(count: float) -> float:
+    """Return what a counter of 32 bits with a sign leaves out of so many counts: a multiple of `COUNTER`."""
+    return COUNTER * math.floor((count + COUNTER / 2) / COUNTER)
 
 
 def approach(value: float, target: float, change: float) -> float:

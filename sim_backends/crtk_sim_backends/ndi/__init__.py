@@ -110,7 +110,9 @@ class CommandSession:
         )
         now = time.monotonic()
         if effect == "lost":
-            return obey()[:0] if of_reply else b""
+            if of_reply:
+                obey()
+            return b""
         if effect == "late" and fate is not None:
             self._held_until = now + fate["seconds"]
         elif effect == "doubled":
