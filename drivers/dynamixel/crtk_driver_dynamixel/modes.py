@@ -140,6 +140,11 @@ class Modes:
         for place in places:
             link.health[place].torque = True
 
+    def misplaced(self, counts: Mapping[int, int]) -> Iterator[DeviceFault]:
+        """Yield why servos that stand at these counts, by place, would turn as they get torque."""
+        yield from self.beyond(counts)
+        yield from self._apart(counts)
+
     def beyond(self, counts: Mapping[int, int]) -> Iterator[DeviceFault]:
         """Yield which servos have left the turn that their position mode knows.
 
@@ -157,7 +162,7 @@ class Modes:
         if found:
             yield DeviceFault("; ".join(found), where=self._link.address, remedy=BY_HAND)
 
-    def apart(self, counts: Mapping[int, int]) -> Iterator[DeviceFault]:
+    def _apart(self, counts: Mapping[int, int]) -> Iterator[DeviceFault]:
         """Yield which servos of one joint disagree: with the first setpoint they would turn on each other.
 
         Args:
@@ -230,23 +235,36 @@ class Modes:
         """
         if kind is not Kind.POSITION:
             return
-        servos, link = self._link.chain.servos, self._link
+        servos = self._link.chain.servos
         found = {
             place: count
-            for place, count in link.read_positions(places).items()
+            for place, count in self._link.read_positions(places).items()
             if abs(count - goals[place]) > servos[place].units.model.family.counts // 4
         }
         if found:
-            link.write_values({place: {"torque_enable": 0} for place in found})
-            raise DeviceFault(
-                "; ".join(
-                    f"{servos[place].place} counts {count} with torque, and {goals[place]} without"
+            raise self._without_torque(
+                {
+                    place: f"counts {count} with torque, and {goals[place]} without"
                     for place, count in found.items()
-                ),
-                where=link.address,
-                remedy="Its torque was taken away again. Switch its supply off and on, look where the joint "
-                "is, and enable again.",
+                },
+                "Switch its supply off and on, look where the joint is, and enable again.",
             )
+
+    def _without_torque(self, found: Mapping[int, str], remedy: str) -> DeviceFault:
+        """Take the torque away from servos again; return the fault that says why.
+
+        Args:
+            found: what is wrong, by place.
+            remedy: what to do then.
+        """
+        link = self._link
+        link.write_values({place: {"torque_enable": 0} for place in found})
+        servos = link.chain.servos
+        return DeviceFault(
+            "; ".join(f"{servos[place].place} {what}" for place, what in found.items()),
+            where=link.address,
+            remedy=f"Its torque was taken away again. {remedy}",
+        )
 
     def _check_written(self, written: Mapping[int, Values]) -> Steps:
         """Make sure that servos were not reset since they were written to, where nothing else tells.
@@ -274,15 +292,12 @@ class Modes:
             }
             lost = {place: differing for place, differing in lost.items() if differing}
             if lost:
-                link.write_values({place: {"torque_enable": 0} for place in lost})
-                raise DeviceFault(
-                    "; ".join(
-                        f"{link.chain.servos[place].place} was reset as it got torque: {', '.join(names)}"
-                        for place, names in lost.items()
-                    ),
-                    where=link.address,
-                    remedy="Its torque was taken away again. Is its supply strong enough? Look where the "
-                    "joint is, and enable again.",
+                raise self._without_torque(
+                    {
+                        place: f"was reset as it got torque: {', '.join(differing)}"
+                        for place, differing in lost.items()
+                    },
+                    "Is its supply strong enough? Look where the joint is, and enable again.",
                 )
             waiting = {place: values for place, values in waiting.items() if place not in read}
             yield

@@ -318,9 +318,7 @@ class Part:
         self._sent.decide(held, self.own(frame.position), self.own(frame.valid))
 
     def _hold_here(self, places: Sequence[int]) -> Steps:
-        counts = self._link.read_positions(places)
-        raise_first(self._modes.beyond(counts))
-        raise_first(self._modes.apart(counts))
+        raise_first(self._modes.misplaced(self._link.read_positions(places)))
         yield from self._switch(Kind.POSITION, places)
 
     def _rest_by_velocity(self, places: Sequence[int]) -> Steps:
@@ -367,9 +365,7 @@ class Part:
         yield from obstacles(link, wanted, self._config)
         # With what is to be written into these, a servo counts otherwise.
         counted = [place for place in heard if not COUNTING & wanted[place].keys()]
-        counts = {place: int(frame.position[place]) for place in counted}
-        yield from self._modes.beyond(counts)
-        yield from self._modes.apart(counts)
+        yield from self._modes.misplaced({place: int(frame.position[place]) for place in counted})
 
     def enable(self) -> Steps:
         """Restart servos with errors, set all up, and hold them where they are.
@@ -391,9 +387,7 @@ class Part:
         yield from recover(link, places)
         yield from set_up(link, places, self._config)
         self._tell_limits()
-        counts = link.read_positions(places)
-        raise_first(self._modes.beyond(counts))
-        raise_first(self._modes.apart(counts))
+        raise_first(self._modes.misplaced(link.read_positions(places)))
         self._armed = True
         tripped = [place for place in places if link.health[place].tripped]
         yield from make_sure(link, {p: {"bus_watchdog": 0} for p in tripped})
