@@ -345,7 +345,7 @@ def _obeys(rig: Rig, way: Way, activity: str) -> Result:
 
 
 def _has_said(rig: Rig, is_silent: bool, closed: Look, rest: np.ndarray) -> None:
-    """What goes on moving after `close()` has been said by it.
+    """Require that `close()` has raised an error if a joint went on moving after it.
 
     A joint without torque may coast, no faster than what counts as standing.
     """
@@ -357,7 +357,7 @@ def _has_said(rig: Rig, is_silent: bool, closed: Look, rest: np.ndarray) -> None
 
 
 def _is_told(rig: Rig, since: float) -> bool:
-    """Whether it has measured since then, or has said that it does not."""
+    """Whether the driver has measured the joints since then (monotonic s), or is in FAULT."""
     found = rig.valid("measured_js")
     return rig.status.state == "FAULT" or (found is not None and found[1].monotonic > since)
 

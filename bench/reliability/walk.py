@@ -199,9 +199,8 @@ class Walk:
         if self._is_asked_to_move():
             self._asked = now
             if not cut_off:
-                homes = (
-                    rig.activity is not None and rig.activity.name == HOME
-                )  # by the drive itself
+                # A drive or a controller homes by itself.
+                homes = rig.activity is not None and rig.activity.name == HOME
                 self._alone_until = now + rig.homes_on if homes else -math.inf
         elif now < self._alone_until and (cut_off or not rig.engine.connected):
             self._asked = now

@@ -171,7 +171,7 @@ class Stopping:
         return self._motion_sent + self._resting < at <= self._seen_from < math.inf
 
     def settled(self, at: float) -> None:
-        """The joints were measured where they were sent last: the next sample in which they stand counts.
+        """Believe the next sample in which the joints stand: they were measured where they were sent last.
 
         Args:
             at: monotonic seconds at which that was acquired.

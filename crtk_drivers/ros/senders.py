@@ -154,14 +154,13 @@ class Owners:
         if found or now - self._asked.get(topic, -math.inf) < ASK_PERIOD:
             return found
         self._asked[topic] = now
-        self._names[topic] = {
-            bytes(info.endpoint_gid)[
-                : len(gid)
-            ]: f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-            for info in self._node.get_publishers_info_by_topic(topic)
-            if info.node_name != UNKNOWN_NAME
-        }
-        return self._names[topic].get(gid, "")
+        names: dict[bytes, str] = {}
+        for info in self._node.get_publishers_info_by_topic(topic):
+            if info.node_name != UNKNOWN_NAME:
+                node_name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                names[bytes(info.endpoint_gid)[: len(gid)]] = node_name
+        self._names[topic] = names
+        return names.get(gid, "")
 
 
 class Senders:

@@ -86,7 +86,7 @@ DEAD_AFTER = 0.1
 """Seconds without a sample after which the controller counts as silent."""
 
 LATE_AFTER = 0.02
-"""Seconds: a state that may be older when it comes counts no more than any such sample. It is told."""
+"""Seconds: a state that may be older than this when it comes is not valid, and a note says so."""
 
 LATE_PERIODS = 5.0
 """The same in periods of the states, where they come seldom."""
