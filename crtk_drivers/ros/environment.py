@@ -4,11 +4,46 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
 
+from crtk_drivers.config.variables import (
+    CYCLONE,
+    DECIDING,
+    DOMAIN,
+    LAST_DOMAIN,
+    LOCALHOST_ONLY,
+    LOOPBACK,
+    PROFILES,
+    RANGE,
+    RMW,
+    SECURED,
+    SERVER,
+    STATIC_PEERS,
+    TRANSPORTS,
+    assignments,
+    dropped,
+    elevated_by,
+    is_domain,
+    merged,
+)
 from crtk_drivers.errors import ConfigError, MissingExtra
+
+__all__ = [
+    "DOMAIN",
+    "LOOPBACK",
+    "PROFILES",
+    "RANGE",
+    "STATIC_PEERS",
+    "TRANSPORTS",
+    "adopt",
+    "check",
+    "reach",
+    "share_no_memory",
+    "wheels_installed",
+]
 
 LIBRARIES = (
     "rclpy",
@@ -22,15 +57,6 @@ LIBRARIES = (
 )
 WHEELS_RMW = "rmw_fastrtps_cpp"
 """The only middleware that the rclpy wheels hold; it is linked in."""
-RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
-PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""The names of Fast DDS 2 and 3 for one thing."""
-DOMAIN = "ROS_DOMAIN_ID"
-LAST_DOMAIN = 232
-"""The ports of one above it would be above 65535."""
-STATIC_PEERS = "ROS_STATIC_PEERS"
-LOOPBACK = Path(__file__).with_name("loopback.xml")
 
 
 def check() -> None:
@@ -41,6 +67,7 @@ def check() -> None:
         ConfigError: the environment asks for what cannot work.
     """
     _check_domain()
+    _check_kept()
     for library in LIBRARIES:
         if find_spec(library) is None:
             raise _missing(library)
@@ -53,17 +80,23 @@ def check() -> None:
             remedy="Use one of them: `env -u PYTHONPATH -u LD_LIBRARY_PATH -u AMENT_PREFIX_PATH` "
             "before the command, or an environment without the extra 'ros' (uv: --no-group ros).",
         )
-    wanted = os.environ.get("RMW_IMPLEMENTATION") or WHEELS_RMW
+    wanted = os.environ.get(RMW) or WHEELS_RMW
     if wanted != WHEELS_RMW:
         raise ConfigError(
             f"RMW_IMPLEMENTATION is {wanted}, and the rclpy wheels hold only {WHEELS_RMW}",
             remedy="Run `unset RMW_IMPLEMENTATION`, or use a sourced ROS 2 installation.",
         )
+    if os.environ.get(SECURED) == "true":
+        raise ConfigError(
+            f"{SECURED} is true, and the rclpy wheels are built without security: this process would "
+            "be open to all, or not start",
+            remedy=f"Use a sourced ROS 2 installation, or `unset {SECURED}`.",
+        )
 
 
 def _check_domain() -> None:
     text = os.environ.get(DOMAIN, "")
-    if text and not (text.isascii() and text.isdigit() and int(text) <= LAST_DOMAIN):
+    if not is_domain(text):
         raise ConfigError(
             f"{text!r} is not a ROS domain",
             where=DOMAIN,
@@ -72,17 +105,37 @@ def _check_domain() -> None:
         )
 
 
+def _check_kept() -> None:
+    """Refuse to go on where `sudo` has dropped what decides whom this process meets."""
+    lost = {name: value for name, value in dropped(os.environ).items() if name in DECIDING}
+    if lost:
+        raise ConfigError(
+            f"{elevated_by(os.environ)} has dropped {assignments(lost)}",
+            remedy=f"Say it again behind it: `{elevated_by(os.environ)} env {assignments(lost)} ...`; "
+            "an empty value stands for none. In a lab file, the table `environment` says it.",
+        )
+
+
+def adopt(variables: Mapping[str, str]) -> None:
+    """Let this process, and what it starts, meet those that have these variables; before rclpy is used."""
+    found = merged(os.environ, variables)
+    for name in PROFILES:
+        if name not in found:
+            os.environ.pop(name, None)
+    os.environ.update(found)
+
+
 def reach() -> str:
     """Return from where other ROS processes can reach this one, in words.
 
     Empty if from this machine only, or if a file, a discovery server or a keystore decides that.
     """
-    secured = ("ROS_SECURITY_ENABLE", "true"), ("ROS_SECURITY_STRATEGY", "Enforce")
+    secured = (SECURED, "true"), ("ROS_SECURITY_STRATEGY", "Enforce")
     if all(os.environ.get(name) == value for name, value in secured):
         return ""
-    if any(os.environ.get(name) for name in (*PROFILES, "CYCLONEDDS_URI", "ROS_DISCOVERY_SERVER")):
+    if any(os.environ.get(name) for name in (*PROFILES, CYCLONE, SERVER)):
         return ""
-    if os.environ.get("ROS_LOCALHOST_ONLY") == "1" or os.environ.get(RANGE) in ("LOCALHOST", "OFF"):
+    if os.environ.get(LOCALHOST_ONLY) == "1" or os.environ.get(RANGE) in ("LOCALHOST", "OFF"):
         peers = os.environ.get(STATIC_PEERS, "")
         return f"from {peers} ({STATIC_PEERS})" if peers else ""
     return f"from anywhere in the local network ({RANGE} is {os.environ.get(RANGE) or 'not set'})"
@@ -95,8 +148,8 @@ def share_no_memory() -> None:
     killed while it holds one stops or crashes those that it talked to, as docs/ros_interface.md shows. A
     driver must survive the death of its clients. Only rmw_fastrtps is concerned; no other reads what is set.
     """
-    said = (TRANSPORTS, *PROFILES, "ROS_LOCALHOST_ONLY", STATIC_PEERS)
-    rmw = os.environ.get("RMW_IMPLEMENTATION") or WHEELS_RMW
+    said = (TRANSPORTS, *PROFILES, LOCALHOST_ONLY, STATIC_PEERS)
+    rmw = os.environ.get(RMW) or WHEELS_RMW
     if any(os.environ.get(name) for name in said) or not rmw.startswith("rmw_fastrtps"):
         return
     if os.environ.get(RANGE) == "LOCALHOST":  # where rmw_fastrtps insists on shared memory
@@ -105,15 +158,13 @@ def share_no_memory() -> None:
         os.environ[TRANSPORTS] = "UDPv4"
 
 
-def _missing(library: str) -> MissingExtra | ConfigError:
-    if library != "rclpy" and not wheels_installed():
-        remedy = f"Install it: apt install ros-jazzy-{library.replace('_', '-')}"
-        if library == "crtk_msgs":
-            remedy = (
-                "Build the folder crtk_msgs of this project with colcon, and source the result."
-            )
-        return ConfigError(f"this ROS 2 has no {library}", remedy=remedy)
-    return MissingExtra(library, "ros")
+def _missing(library: str) -> MissingExtra:
+    if library == "rclpy" or wheels_installed():
+        return MissingExtra(library, "ros")
+    remedy = f"Install it: apt install ros-jazzy-{library.replace('_', '-')}"
+    if library == "crtk_msgs":
+        remedy = "Build the folder crtk_msgs of this project with colcon, and source the result."
+    return MissingExtra(library, "ros", because="this ROS 2 has none", remedy=remedy)
 
 
 def wheels_installed() -> bool:

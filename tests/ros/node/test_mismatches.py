@@ -79,6 +79,13 @@ def test_another_middleware_is_refused_in_one_line(monkeypatch: pytest.MonkeyPat
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.skipif(not environment.wheels_installed(), reason="a sourced ROS 2 may have it")
+def test_security_that_the_wheels_lack_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    with pytest.raises(ConfigError, match="built without security"):
+        environment.check()
+
+
 @pytest.mark.skipif(not environment.wheels_installed(), reason="needs the rclpy wheels")
 def test_wheels_beside_a_sourced_ros_are_refused(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
