@@ -3,9 +3,9 @@
 ros2 launch examples/lab.launch.py lab:=lab.toml sim:=true devices:="arm ft"
 
 Needs a ROS 2 installation with `launch`, sourced, and crtk-drivers in its Python. The processes are those
-that `crtk-driver up` starts, with the same settings. What launch cannot do: wait until a device measures
-(drivers keep trying until they find what they need), stop the hardware in order, or leave alone a device
-that is set up wrongly.
+that `crtk-driver up` starts, with the same settings and `environment`. What launch cannot do: wait until a
+device measures (drivers keep trying until they find what they need), stop the hardware in order, or leave
+alone a device that is set up wrongly.
 """
 
 import tempfile
@@ -38,6 +38,7 @@ def processes(context):
                 name=name,
                 cmd=list(device_command(device, settings)),
                 cwd=str(lab.path.parent),
+                additional_env=dict(lab.environment),
                 output="both",
                 respawn=True,
                 respawn_delay=1.0,
@@ -46,7 +47,11 @@ def processes(context):
         )
     actions += [
         ExecuteProcess(
-            name=name, cmd=list(program.command), cwd=str(lab.path.parent), output="both"
+            name=name,
+            cmd=list(program.command),
+            cwd=str(lab.path.parent),
+            additional_env=dict(lab.environment),
+            output="both",
         )
         for name, program in lab.programs.items()
     ]

@@ -1,6 +1,7 @@
 """``crtk-driver``: the commands, and how errors become messages and exit codes.
 
-Exit codes: 0 done, 1 a device or simulator is at fault, 2 it was not asked for in a usable way.
+Exit codes: 0 done, 1 a device or simulator is at fault, 2 it was not asked for in a usable way, 69 a library
+that it needs is not installed.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from crtk_drivers.cli.own_commands import OWN_COMMANDS, OwnGroup
 from crtk_drivers.cli.plugin_group import PluginGroup, Source
 from crtk_drivers.cli.terminal import print_error
 from crtk_drivers.errors import ConfigError, CrtkError, MissingExtra, PluginError
+from crtk_drivers.errors.exit_codes import NOT_INSTALLED, USAGE_ERROR
 from crtk_drivers.errors.wording import by_script, program
 
 _NAME = "crtk-driver"
@@ -33,7 +35,8 @@ _COMPLETE = "_CRTK_DRIVER_COMPLETE"
 
 _FOR_SHELLS = frozenset({"--install-completion", "--show-completion"})
 
-_USAGE_ERRORS = (ConfigError, PluginError, MissingExtra)
+_EXIT_CODES: Final = ((MissingExtra, NOT_INSTALLED), ((ConfigError, PluginError), USAGE_ERROR))
+"""By the error that ends a command; 1 for any other."""
 
 
 def _build(plugin: Any, panel: str) -> Any:
@@ -165,5 +168,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if invocation.debug:
             traceback.print_exception(error)
         print_error(error)
-        code = 2 if isinstance(error, _USAGE_ERRORS) else 1
+        code = next((code for kinds, code in _EXIT_CODES if isinstance(error, kinds)), 1)
     return code if isinstance(code, int) else 0

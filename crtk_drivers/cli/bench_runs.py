@@ -35,6 +35,7 @@ from crtk_drivers.labs.bench.run import judged_again, run_bench
 from crtk_drivers.labs.lab_commands import require_commands
 from crtk_drivers.labs.libraries import require_libraries
 from crtk_drivers.labs.verdicts.judging import Comparison, Verdict, with_unit
+from crtk_drivers.ros import environment
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
 
 STYLES: Final = {
@@ -75,6 +76,7 @@ def run(
     lab = load_lab(path, sim=sim, only=tuple(devices))
     require_libraries(lab)
     require_commands(lab, programs=False)
+    environment.adopt(lab.environment)
     folder = out or default_folder(lab)
     earlier = history.earlier_of(lab, folder.parent, against)
     options = BenchOptions(suite, tuple(only), may_move, folder, tuple(may_travel), at_once)

@@ -23,6 +23,7 @@ from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.labs.lab_file import LabTeleop, load_teleop
 from crtk_drivers.motion.teleop.jaws import share_of
 from crtk_drivers.motion.teleop.machine import Coupled, Phase
+from crtk_drivers.ros import environment
 
 if TYPE_CHECKING:
     from crtk_drivers.client.teleop import Pedal, Teleoperation
@@ -71,6 +72,7 @@ def teleoperate(given: LabTeleop, enable: bool, timeout: float) -> int:
         CommandRefused, TransitionFailed: it cannot be enabled.
         ConnectionLost: the follower was not seen to stand at the end.
     """
+    environment.adopt(given.environment)
     prepare()
     from crtk_drivers.client.teleop import Teleoperation, reached_sides, topic_pedals
 

@@ -11,6 +11,7 @@ from typing_extensions import override
 
 from crtk_drivers.client.remote import CONNECT_TIMEOUT, RemoteDevice, connect
 from crtk_drivers.labs import load_lab
+from crtk_drivers.ros import environment
 
 __all__ = ["LabDevices", "lab"]
 
@@ -59,6 +60,8 @@ class LabDevices(Mapping[str, RemoteDevice]):
 def lab(path: str | Path, *only: str, timeout: float = CONNECT_TIMEOUT) -> LabDevices:
     """Connect to the devices of a lab, which ``crtk-driver up`` has brought up.
 
+    What the lab file says of ROS 2 in `environment`, such as the domain, holds for this process from now on.
+
     Args:
         path: of the lab file.
         only: names of the devices that are wanted; none: all.
@@ -71,7 +74,9 @@ def lab(path: str | Path, *only: str, timeout: float = CONNECT_TIMEOUT) -> LabDe
     deadline = time.monotonic() + timeout
     found: dict[str, RemoteDevice] = {}
     try:
-        for name, device in load_lab(path, only=only).devices.items():
+        described = load_lab(path, only=only)
+        environment.adopt(described.environment)
+        for name, device in described.devices.items():
             left = max(0.0, deadline - time.monotonic())
             found[name] = connect(device.namespace, timeout=left)
     except BaseException:

@@ -33,6 +33,7 @@ def device_command(device: LabDevice, settings: Path) -> tuple[str, ...]:
         *(sys.executable, "-m", "crtk_drivers.cli", device.plugin.name),
         *("--ns", device.namespace, "--config", str(settings.resolve())),
         *simulated,
+        *(("--ros-args", "--enclave", device.enclave) if device.enclave else ()),
     )
 
 

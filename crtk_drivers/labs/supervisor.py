@@ -20,6 +20,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import IO, Final
 
+from crtk_drivers.config.variables import merged
+from crtk_drivers.errors.exit_codes import NOT_INSTALLED, USAGE_ERROR
 from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab
 from crtk_drivers.labs.reports import PULSE_FD, REPORT_FD, Report, last_line, read_reports
@@ -38,9 +40,6 @@ PATIENCE: Final = 15.0
 
 STOP_TIMEOUT: Final = 20.0
 """Seconds in which a process that was told to stop has ended; then it is killed, and that is told."""
-
-USAGE_ERROR: Final = 2
-"""Exit code of a device that cannot be started as asked: it is not started again."""
 
 LOOK_PERIOD: Final = 0.1
 """Seconds between two looks at the processes."""
@@ -303,7 +302,7 @@ class Supervisor:
             os.set_blocking(reading, False)
             child.log_file = child.log.open("ab", buffering=0)
             mark = self._starter.mark(child.name, is_device=child.reports)
-            environment = {**os.environ, **mark}
+            environment = {**merged(os.environ, self.lab.environment), **mark}
             log, folder = child.log_file.fileno(), self.lab.path.parent
             if child.reports:
                 ours, theirs = pulse_ends()
@@ -364,7 +363,9 @@ class Supervisor:
             why = last_line(child.log) or _NO_REASON_LOGGED
             self._ended(child, now, f"{why} (see {child.log})", again=False)
         else:
-            self._ended(child, now, f"{_told(code)} (see {child.log})", again=True)
+            is_missing = child.reports and code == NOT_INSTALLED
+            why = (is_missing and last_line(child.log)) or _told(code)
+            self._ended(child, now, f"{why} (see {child.log})", again=True)
 
     def _take_reports(self, child: Child) -> None:
         reports, child.rest = read_reports(child.pipe, child.rest)

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from crtk_drivers.cli import bench_runs
+from crtk_drivers.cli import bench_runs, main
 from crtk_drivers.labs.bench.results import read_run
 from crtk_drivers.labs.verdicts.judging import Verdict
 from crtk_drivers.status.stop_request import StopRequest
@@ -52,6 +52,22 @@ def command(start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Co
 REASON = (
     "the machine is too busy: the bench's own timer was late by 3.9 ms, at most 2.0 ms are allowed"
 )
+
+
+def test_drivers_under_test_have_the_environment_of_the_lab(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lab.toml").write_text('environment = { MINE = "yes" }\n' + GANTRY)
+    monkeypatch.setenv("MINE", "no")
+    seen: list[str] = []
+
+    def run(*_: object) -> None:
+        seen.append(os.environ["MINE"])
+        raise OSError(0, "this is all")
+
+    monkeypatch.setattr(bench_runs, "run_bench", run)
+    main(["bench", str(tmp_path / "lab.toml"), "--out", str(tmp_path / "run")])
+    assert seen == ["yes"]
 
 
 @pytest.mark.parametrize(("terminal", "width"), [(True, 200), (True, 80), (True, 40), (False, 40)])

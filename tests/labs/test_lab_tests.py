@@ -143,6 +143,12 @@ LAB = (
 )
 
 
+def test_a_session_has_the_environment_of_the_lab(session: Session, tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_text('environment = { MINE = "yes" }\n' + GANTRY)
+    said = session("import os\ndef test_it(lab):\n    assert os.environ['MINE'] == 'yes'\n")
+    assert said.returncode == 0, said.stdout
+
+
 def test_verdicts_are_those_of_the_bench_and_kept_as_such(session: Session, tmp_path: Path) -> None:
     (tmp_path / "lab.toml").write_text(LAB)
     said = session(VERDICTS, "-v")

@@ -114,6 +114,15 @@ def test_simulated_and_only_some(launch, lab):
     assert "--sim" in ft.cmd
 
 
+def test_environment_and_enclaves_are_those_of_the_lab(launch, lab):
+    lab.write_text("environment = { ROS_DOMAIN_ID = 42, ROS_SECURITY_ENABLE = true }\n" + LAB)
+    processes = started(lab=str(lab))
+    for process in processes:
+        assert process.additional_env == {"ROS_DOMAIN_ID": "42", "ROS_SECURITY_ENABLE": "true"}
+    assert processes[0].cmd[-3:] == ["--ros-args", "--enclave", "/arm/crtk_driver"]
+    assert "--enclave" not in processes[-1].cmd, "a program says so itself"
+
+
 def test_it_is_read_without_launch():
     assert "launch" not in sys.modules
     run_path(str(LAUNCH_FILE))

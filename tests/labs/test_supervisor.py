@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from crtk_drivers.cli import main, up_command
+from crtk_drivers.errors.exit_codes import NOT_INSTALLED
 from crtk_drivers.labs import Lab, LabProgram, load_lab, reports, supervisor
 from crtk_drivers.labs.lab_file import LabSettings
 from crtk_drivers.labs.reports import Report, Reporter, read_reports
@@ -110,6 +112,7 @@ def test_what_cannot_be_started_says_so(lab, tmp_path):
 KILLED = """
 import sys, time
 from pathlib import Path
+from crtk_drivers.errors.exit_codes import NOT_INSTALLED
 from crtk_drivers.labs import Lab, LabProgram
 from crtk_drivers.labs.lab_file import LabSettings
 from crtk_drivers.labs.supervisor import Supervisor
@@ -134,6 +137,7 @@ def test_no_program_outlives_one_that_is_killed(tmp_path):
 LEFT = """
 import sys, time
 from pathlib import Path
+from crtk_drivers.errors.exit_codes import NOT_INSTALLED
 from crtk_drivers.labs import Lab, LabProgram
 from crtk_drivers.labs.lab_file import LabSettings
 from crtk_drivers.labs.supervisor import Supervisor
@@ -262,6 +266,31 @@ def test_what_has_no_log_is_not_started_and_ends_nothing_else(lab, tmp_path):
     assert child.phase is Phase.ENDED
     assert "cannot be started" in child.why
     assert running.programs["other"].phase is Phase.RUNNING
+
+
+def test_every_process_has_the_environment_of_the_lab(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "1")
+    say = "import os; print(os.environ['ROS_DOMAIN_ID'], os.environ['MINE'], flush=True)"
+    work = {"work": LabProgram("work", (*PYTHON, say), ())}
+    of_lab = {"ROS_DOMAIN_ID": "42", "MINE": "yes"}
+    running = Supervisor(replace(lab_of(tmp_path, work), environment=of_lab), tmp_path / "logs")
+    running.devices["arm"] = Child(
+        "arm", (*PYTHON, f"{say}; {FOREVER}"), (), tmp_path / "logs" / "arm.log", True
+    )
+    until(running, lambda: is_up(running.devices["arm"]), "it is up")
+    until(running, lambda: running.programs["work"].phase is Phase.ENDED, "it has ended")
+    running.stop()
+    for name in ("work", "arm"):
+        assert (tmp_path / "logs" / f"{name}.log").read_text().startswith("42 yes\n")
+
+
+def test_a_missing_library_is_waited_for(lab, tmp_path):
+    running = lab(other=FOREVER)
+    text = f"print('rclpy is not installed'); raise SystemExit({NOT_INSTALLED})"
+    arm = Child("arm", (*PYTHON, text), (), tmp_path / "logs" / "arm.log", True, delay=0.05)
+    running.devices["arm"] = arm
+    until(running, lambda: arm.restarts and arm.phase is Phase.RESTARTING, "it is tried again")
+    assert "rclpy is not installed" in arm.why
 
 
 @pytest.mark.parametrize("missing", ["log", "settings", "folder"])

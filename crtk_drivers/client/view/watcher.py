@@ -16,6 +16,7 @@ from crtk_drivers.client.view.newest_values import Sampler
 from crtk_drivers.client.view.watched import WatchedDevice
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.kinematics.joint_axes import matrix_of
+from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import DESCRIPTION, checked_namespace
 from crtk_drivers.ros.plain import message_class
 from crtk_drivers.samples import Array
@@ -201,7 +202,10 @@ def wanted(arguments: Sequence[str]) -> Wanted:
         if not each.endswith(LAB_FILES):
             found.append(checked_namespace(f"/{each.strip('/')}", option=""))
             continue
-        devices = load_lab(each, sim=True).devices  # settings of hardware matter to `up` alone
+        lab = load_lab(each, sim=True)  # settings of hardware matter to `up` alone
+        environment.adopt(lab.environment)
+        environment.share_no_memory()
+        devices = lab.devices
         for device in devices.values():
             found.append(device.namespace)
             if device.entry.on in devices:

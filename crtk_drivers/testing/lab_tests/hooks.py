@@ -17,6 +17,7 @@ from crtk_drivers.labs.bench.catalogue import QUANTITIES
 from crtk_drivers.labs.bench.folder import default_folder
 from crtk_drivers.labs.lab_commands import require_commands
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
+from crtk_drivers.ros import environment
 from crtk_drivers.testing.lab_tests import FILE
 from crtk_drivers.testing.lab_tests.lab_fixtures import SESSION, UNDER_WAY
 from crtk_drivers.testing.lab_tests.session import LabSession, verdict_of
@@ -57,6 +58,7 @@ def begun(config: pytest.Config) -> LabHooks:
         lab = load_lab(config.getoption(FILE), sim=config.getoption("--lab-sim"))
         require_commands(lab, programs=False)
         check_bounds(lab, QUANTITIES)
+        environment.adopt(lab.environment)  # for drivers, simulators and clients
     except CrtkError as error:
         raise pytest.UsageError(str(error)) from error
     out = config.getoption("--lab-out")

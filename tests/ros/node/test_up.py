@@ -11,6 +11,7 @@ import pytest
 
 import crtk_drivers
 from crtk_drivers.client import connect
+from crtk_drivers.errors import ConnectionFailed
 from crtk_drivers.geometry.quaternions import matrix_from_quaternion
 from rigs.lab_up import up
 from rigs.waiting import LONG
@@ -97,6 +98,19 @@ def test_all_come_up_in_order_are_kept_running_and_stopped(start, tmp_path):
         assert lab.lines[-1].endswith("lab: all stopped; exit code 0\n")
         until_gone(second, work)
     assert (tmp_path / "work.log").read_text() == "up\n"
+
+
+def test_a_lab_meets_its_clients_in_its_own_domain(start, tmp_path, monkeypatch):
+    domain = os.environ["ROS_DOMAIN_ID"]
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)  # what the client adopts is taken back
+    said = f"environment = {{ ROS_DOMAIN_ID = {int(domain) % 101 + 1} }}\n"
+    with up(start, tmp_path, said + LAB.split("[devices.two]")[0]) as lab:
+        lab.until("one: measures")
+        with pytest.raises(ConnectionFailed):
+            connect("/up/one", timeout=0.5)
+        with crtk_drivers.lab(tmp_path / "lab.toml", timeout=LONG) as devices:
+            assert devices.one.operating_state().state == "DISABLED"
+        assert lab.end() == 0
 
 
 def test_no_device_outlives_its_lab_and_one_that_is_not_there_keeps_nobody(start, tmp_path):
