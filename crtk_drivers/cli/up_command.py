@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-import sys
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,6 +22,7 @@ from crtk_drivers.cli.lab_scan import scanned_lab
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
 from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT, plain
+from crtk_drivers.config.variables import SEARCH_PATHS, assignments, checked_variables, merged
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.labs import Lab, load_lab
@@ -30,6 +31,13 @@ from crtk_drivers.labs.bench.catalogue import QUANTITIES
 from crtk_drivers.labs.lab_commands import require_commands
 from crtk_drivers.labs.libraries import require_libraries
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
+from crtk_drivers.labs.unit_environment import (
+    closed_to_others,
+    doubts,
+    not_working,
+    origin,
+    unit_environment,
+)
 from crtk_drivers.labs.units import units_of, write_units
 from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState
@@ -85,16 +93,41 @@ def _up(
             help="Start nothing: write units of systemd into this folder; - prints them.",
         ),
     ] = None,
+    place: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            metavar="DIR",
+            help="With --systemd: where the files will be when systemd reads them. "
+            "[dim]\\[default: where they are written][/dim]",
+        ),
+    ] = None,
+    variables: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--env",
+            metavar="NAME=VALUE",
+            help="A variable for every process of the lab, over `environment` of the lab file.",
+        ),
+    ] = None,
 ) -> None:
     """Bring up all devices of a lab, one process each, until Ctrl-C.
 
     They start in order, each once what carries it measures; one that ends is started again, DISABLED.
     Ctrl-C stops programs first, then the devices.
     """
-    only = tuple(devices or ())
+    found = load_lab(
+        lab, sim=sim, only=tuple(devices or ()), environment=_typed_variables(variables or ())
+    )
+    if place is not None and systemd in (None, "-"):
+        raise ConfigError(
+            "is where units will be that are written into another folder",
+            where="--for",
+            remedy="Give --systemd DIR beside it.",
+        )
     if systemd is not None:
-        raise typer.Exit(make_units(lab, only, sim, systemd))
-    raise typer.Exit(bring_up(lab, only, sim, logs, log_level))
+        raise typer.Exit(make_units(found, systemd, place))
+    raise typer.Exit(bring_up(found, logs, log_level))
 
 
 @lab_app.callback()
@@ -131,20 +164,36 @@ def _lab_check(lab: LabFile, sim: SimOption = False) -> None:
 app.add_typer(lab_app, name="lab")
 
 
-def bring_up(
-    path: Path, only: tuple[str, ...], sim: bool, logs: Path | None, log_level: str
-) -> int:
+def _typed_variables(typed: Sequence[str]) -> dict[str, str]:
+    """Return variables that were typed as ``NAME=VALUE``.
+
+    Raises:
+        ConfigError: one is no such pair, or cannot be right.
+    """
+    found: dict[str, str] = {}
+    for each in typed:
+        name, mark, found[name] = each.partition("=")
+        if not mark:
+            raise ConfigError(
+                f"{each!r} gives no value", where="--env", remedy=f"Write --env {each}=VALUE."
+            )
+    try:
+        return checked_variables(found)
+    except ValueError as error:
+        raise ConfigError(str(error), where="--env") from error
+
+
+def bring_up(lab: Lab, logs: Path | None, log_level: str) -> int:
     """Run a lab until Ctrl-C, and return the exit code: 0 if all of it was seen to end well.
 
     Raises:
         ConfigError: the lab file cannot be used, or the folder for logs cannot be written.
     """
     set_up_logging(ERR, log_level, LogFormat.TEXT)
-    lab = load_lab(path, sim=sim, only=only)
     require_libraries(lab)
     require_commands(lab)
     _wait_for_earlier(lab)
-    environment.check()
+    _check_ros(lab)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     folder = logs or Path("logs") / f"{lab.name}-{stamp}"
     try:
@@ -170,6 +219,23 @@ def bring_up(
         finally:
             supervisor.stop(show)
     return _conclusion(supervisor, failed)
+
+
+def _check_ros(lab: Lab) -> None:
+    """Make sure that devices of a lab can use ROS 2, which the lab file may say where to find.
+
+    Raises:
+        MissingExtra, ConfigError: they cannot.
+    """
+    environment.adopt(lab.environment)
+    if not any(name in lab.environment for name in SEARCH_PATHS):
+        environment.check()
+    elif why := not_working(lab, merged(os.environ, lab.environment)):
+        raise ConfigError(
+            f"its devices cannot use ROS 2: {why}",
+            where=str(lab.path),
+            remedy="Look at its table `environment`.",
+        )
 
 
 def _wait_for_earlier(lab: Lab) -> None:
@@ -206,28 +272,39 @@ def _conclusion(supervisor: Supervisor, failed: Sequence[Child]) -> int:
     return 1
 
 
-def make_units(path: Path, only: tuple[str, ...], sim: bool, folder: str) -> int:
-    """Write the units of a lab into a folder, or print those of /etc/systemd/system for ``-``; return 0.
+def make_units(lab: Lab, folder: str, place: str | None = None) -> int:
+    """Write the units of a lab into a folder, or print those of /etc/systemd/system for ``-``.
+
+    Returns:
+        0; 1 if a node does not start in the environment of these units.
 
     Raises:
         ConfigError: the lab file cannot be used, or the units cannot be written.
     """
-    lab = load_lab(path, sim=sim, only=only)
+    require_libraries(lab)
+    variables = unit_environment(lab)
     if folder == "-":
         for name, text in units_of(lab, _UNITS).items():
             OUT.print(f"# ==> {name}\n{text}", soft_wrap=True, markup=False, highlight=False)
     else:
-        for file in write_units(lab, Path(folder)):
+        for file in write_units(lab, Path(folder), None if place is None else Path(place)):
             OUT.print(str(file), soft_wrap=True, markup=False, highlight=False)
+    lines = ["Environment of the units, for every client too:"]
+    lines += [f"  {name}={value}  ({origin(lab, name)})" for name, value in variables.items()]
+    lines += doubts(variables)
     if lab.programs:
-        ERR.print(f"Without a unit: {', '.join(lab.programs)}. Programs are started by `up`.")
-    if any(Path(sys.prefix).is_relative_to(home) for home in ("/home", "/root")):
-        ERR.print(
-            f"{sys.prefix} is in a home, which the users of these units may not read: install "
-            "crtk-drivers elsewhere, for example in /opt.",
-            soft_wrap=True,
-        )
-    return 0
+        lines.append(f"Without a unit: {', '.join(lab.programs)}. Programs are started by `up`.")
+    lines += [
+        f"The users of these units may not read {path}: {closed} is closed to others. Install or move "
+        "what is there elsewhere, for example into /opt."
+        for closed, path in closed_to_others(lab, variables).items()
+    ]
+    why = not_working(lab, variables)
+    if why:
+        lines.append(f"These units cannot start as they are: {why}")
+    for line in lines:
+        ERR.print(line, soft_wrap=True, markup=False, highlight=False)
+    return 1 if why else 0
 
 
 def _has_failed(child: Child) -> bool:
@@ -315,6 +392,8 @@ def check_lab(path: Path, sim: bool) -> int:
     require_commands(lab)
     check_bounds(lab, QUANTITIES)
     OUT.print(_plan(lab))
+    if lab.environment:
+        OUT.print(f"\nenvironment: {assignments(lab.environment)}", markup=False, highlight=False)
     OUT.print(
         f"\n{plain(str(path))} can be used: settings, libraries and commands are checked, nothing was started"
     )

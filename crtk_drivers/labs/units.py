@@ -7,24 +7,18 @@ systemd.service(5) of systemd 252 to 257; older ones pass over keys that they do
 
 from __future__ import annotations
 
-import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 from crtk_drivers.errors import ConfigError
+from crtk_drivers.errors.exit_codes import USAGE_ERROR
 from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab, LabDevice
-from crtk_drivers.labs.supervisor import FIRST_DELAY, LONGEST_DELAY, STOP_TIMEOUT, USAGE_ERROR
+from crtk_drivers.labs.supervisor import FIRST_DELAY, LONGEST_DELAY, STOP_TIMEOUT
+from crtk_drivers.labs.unit_environment import unit_environment
 
 HEADER: Final = "# Written by crtk-driver up --systemd; it is written anew the next time.\n"
-
-_ENVIRONMENT: Final = (
-    "ROS_DOMAIN_ID",
-    "ROS_AUTOMATIC_DISCOVERY_RANGE",
-    "ROS_STATIC_PEERS",
-    "ROS_LOCALHOST_ONLY",
-)
-"""What must be the same for all that shall meet, and is taken from where the units are made."""
 
 _HARDENED: Final = """\
 DynamicUser=yes
@@ -49,14 +43,30 @@ SystemCallFilter=@system-service
 """
 """Real-time priority takes LimitRTPRIO and no capability; RestrictRealtime would take it away."""
 
-_SERIAL: Final = """\
+_DEVICES: Final = {
+    "/dev/input/": """\
+SupplementaryGroups=input
+DevicePolicy=closed
+DeviceAllow=char-input rw
+""",
+    "/dev/": """\
 SupplementaryGroups=dialout
 DevicePolicy=closed
 DeviceAllow=char-ttyUSB rw
 DeviceAllow=char-ttyACM rw
 DeviceAllow=char-ttyS rw
 DeviceAllow=char-ttyAMA rw
+""",
+}
+"""What a unit may use, by how an address begins; the first that fits."""
+
+_BY_A_LIBRARY: Final = """\
+DevicePolicy=closed
+DeviceAllow=char-usb_device rw
+DeviceAllow=char-ttyACM rw
+DeviceAllow=char-ttyUSB rw
 """
+"""Of a device that its vendor's library finds: who may use it, the rules of udev say that come with that."""
 
 _STEPS: Final = 5
 """Restarts until the delay is the longest."""
@@ -68,24 +78,32 @@ def units_of(lab: Lab, folder: Path) -> dict[str, str]:
     Args:
         lab: its programs are left out.
         folder: where the files will be.
+
+    Raises:
+        ConfigError: see `crtk_drivers.labs.unit_environment`.
     """
     found: dict[str, str] = {}
+    variables = unit_environment(lab)
     for device in lab.devices.values():
         settings = f"{_stem(lab, device.name)}.yaml"
         found[settings] = HEADER + settings_text(device)
         command = device_command(device, folder / settings)
-        found[_service(lab, device.name)] = _service_text(lab, device, command)
+        found[_service(lab, device.name)] = _service_text(lab, device, command, variables)
     found[_target(lab)] = _target_text(lab)
     return found
 
 
-def write_units(lab: Lab, folder: Path) -> list[Path]:
+def write_units(lab: Lab, folder: Path, place: Path | None = None) -> list[Path]:
     """Write the units of a lab into a folder, which is made, and return the files.
+
+    Args:
+        lab, folder: see `units_of`.
+        place: where the files will be when systemd reads them, if that is another folder.
 
     Raises:
         ConfigError: they cannot be written, or one is there that was not written by this. Then none is.
     """
-    texts = {folder / name: text for name, text in units_of(lab, folder).items()}
+    texts = {folder / name: text for name, text in units_of(lab, place or folder).items()}
     try:
         for path in texts:
             if path.exists() and not path.read_text("utf-8").startswith(HEADER):
@@ -114,13 +132,18 @@ def _target(lab: Lab) -> str:
     return f"crtk-{lab.name}.target"
 
 
-def _service_text(lab: Lab, device: LabDevice, command: tuple[str, ...]) -> str:
+def _service_text(
+    lab: Lab, device: LabDevice, command: tuple[str, ...], variables: Mapping[str, str]
+) -> str:
     needed = " ".join(_service(lab, name) for name in device.after if name in lab.devices)
     own = f"crtk-{lab.name}/{device.name}"
     at = "simulated" if device.sim else device.address
-    is_serial = any(part.startswith("/dev/") for part in device.address.split())
     places = {"HOME": f"%S/{own}", "ROS_LOG_DIR": f"%L/{own}"}
-    places |= {name: _escaped(os.environ[name]) for name in _ENVIRONMENT if os.environ.get(name)}
+    said = "".join(f'Environment="{name}={value}"\n' for name, value in places.items())
+    said += "".join(
+        f"Environment={_quoted(f'{name}={value}', dollar='$')}\n"
+        for name, value in variables.items()
+    )
     return (
         f"""\
 {HEADER}[Unit]
@@ -136,7 +159,7 @@ WorkingDirectory=-{_escaped(str(lab.path.parent.resolve()))}
 StateDirectory={own}
 LogsDirectory={own}
 """
-        + "".join(f'Environment="{name}={value}"\n' for name, value in places.items())
+        + said
         + f"""\
 Restart=always
 RestartSec={FIRST_DELAY:g}
@@ -148,9 +171,20 @@ KillSignal=SIGTERM
 TimeoutStopSec={STOP_TIMEOUT:g}
 """
         + _HARDENED
-        + (_SERIAL if is_serial else "PrivateDevices=yes\n")
+        + _device_rights(device)
         + f"\n[Install]\nWantedBy={_target(lab)}\n"
     )
+
+
+def _device_rights(device: LabDevice) -> str:
+    places = [part[part.index("/dev/") :] for part in device.address.split() if "/dev/" in part]
+    fitting = (
+        rights
+        for start, rights in _DEVICES.items()
+        if any(place.startswith(start) for place in places)
+    )
+    by_a_library = "library" in device.plugin.addresses and not device.simulated
+    return next(fitting, _BY_A_LIBRARY if by_a_library else "PrivateDevices=yes\n")
 
 
 def _target_text(lab: Lab) -> str:
@@ -174,13 +208,13 @@ def _escaped(text: str) -> str:
     return text.replace("%", "%%").replace("\n", " ")
 
 
-def _quoted(word: str) -> str:
-    """Return an argument as `ExecStart` takes it."""
+def _quoted(word: str, dollar: str = "$$") -> str:
+    """Return an argument as `ExecStart` takes it; `Environment` takes a dollar as it is."""
     inner = (
         word.replace("%", "%%")
         .replace("\\", "\\\\")
         .replace("\n", "\\n")
         .replace('"', '\\"')
-        .replace("$", "$$")
+        .replace("$", dollar)
     )
     return f'"{inner}"'
