@@ -1,7 +1,7 @@
 """Starts a node as a driver does, without a device, and ends: whether an environment lets drivers run.
 
-``python -m crtk_drivers.ros.node_trial '{"plugins": ["ur"], "enclaves": ["/arm/crtk_driver"]}'`` ends with 0, or
-says on standard error in one line why it does not work.
+Run ``python -m crtk_drivers.ros.node_trial '{"plugins": ["ur"], "enclaves": ["/arm/crtk_driver"]}'``. It ends
+with 0, or says on standard error in one line why it does not work.
 """
 
 from __future__ import annotations
