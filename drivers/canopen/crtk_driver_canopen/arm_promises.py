@@ -50,7 +50,9 @@ def capabilities_of(config: CanopenConfig) -> Capabilities:
 def _velocity_step(joint: JointConfig) -> float:
     """Return rad/s (m/s) for one unit of velocity, as far as the configuration alone tells; else 0."""
     units = joint.known_units
-    step = units.position if math.isnan(units.velocity) else units.velocity
+    step = units.measured_velocity
+    if step is None:
+        step = units.position if math.isnan(units.velocity) else units.velocity
     return 0.0 if math.isnan(step) else abs(step)
 
 

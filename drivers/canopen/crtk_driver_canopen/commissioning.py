@@ -13,7 +13,14 @@ from dataclasses import dataclass
 from typing import Final
 
 from crtk_driver_canopen.config import MODE_NAMES, CanopenConfig, HomingConfig, JointConfig
-from crtk_driver_canopen.drive_profile import PLAIN, DriveProfile, kin, named, of_identity
+from crtk_driver_canopen.drive_profile import (
+    PLAIN,
+    DriveProfile,
+    built_in,
+    kin,
+    named,
+    of_identity,
+)
 from crtk_driver_canopen.heartbeat import ensure_abort_option, ensure_heartbeat
 from crtk_driver_canopen.identity import Identity, check_identity, read_identity
 from crtk_driver_canopen.layout import CobIds, Layout
@@ -29,6 +36,7 @@ from crtk_driver_canopen.pdo import (
     read_cob_id,
     set_deadline,
 )
+from crtk_driver_canopen.plausibility import check_plausible
 from crtk_driver_canopen.profiles import ProfileRates
 from crtk_driver_canopen.safeguards import (
     PositionLimits,
@@ -41,6 +49,7 @@ from crtk_driver_canopen.safeguards import (
 )
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.statemachine import STAYS_IN_QUICK_STOP
+from crtk_driver_canopen.unit_table import UNITS, Quantity, keys_text
 from crtk_driver_canopen.units import (
     JointUnits,
     UnitObjects,
@@ -101,7 +110,7 @@ def prepare(
         WrongDevice: another device than the configured one has a node id.
         PdoMismatch, ObjectIgnored: a drive acknowledged something and does not hold it.
         DeviceError: a drive lacks a mode or an object that is needed.
-        ConfigError: a file cannot be read, or nobody tells the units of a joint.
+        ConfigError: a file cannot be read, nobody tells the units of a joint, or they are not plausible.
         SdoAborted, SdoSilent, ProtocolError, BusLost: a drive did not answer as it should.
     """
     prepared: dict[str, Prepared] = {}
@@ -191,10 +200,12 @@ def _axis(
         sdo.ensure(OBJECTS["interpolation_period_exponent"], exponent)
     drive = read_unit_objects(sdo, profile)
     units = resolve(name, joint, drive)
-    _profile(sdo, joint, units, notes, moves=config.drives_plan)
+    check_wire(name, joint, units)
+    _note_assumed(config, joint, units, notes)
+    notes += check_plausible(sdo, name, joint, units, drive, moves=config.drives_plan)
+    _profile(sdo, name, joint, units, notes, moves=config.drives_plan)
     if joint.homing is not None:
         _homing(sdo, name, joint.homing, units, profile)
-    check_wire(name, joint, units)
     if Way.EFFORTS in joint.ways and math.isnan(units.effort):
         raise ConfigError(
             "the drive does not tell the rated torque of its motor (6076h), of which efforts are thousandths",
@@ -210,9 +221,10 @@ def _axis(
         limits = limits if write_position_limits(sdo, joint, limits, notes) else None
     if Way.POSITIONS in joint.ways:
         note_following_error(sdo, notes)
-    if abs(units.velocity) > _COARSE * joint.velocity:
+    step = abs(units.velocity if units.measured_velocity is None else units.measured_velocity)
+    if step > _COARSE * joint.velocity:
         notes.append(
-            f"velocities count in steps of {abs(units.velocity):.3g} (60A9h): slower ones are 0, and a joint "
+            f"velocities count in steps of {step:.3g} (60A9h): slower ones are 0, and a joint "
             "at one step or less counts as standing; a finer unit in the drive tells more"
         )
     stays = sdo.find(OBJECTS["quick_stop_option"]) in STAYS_IN_QUICK_STOP
@@ -232,6 +244,8 @@ def _by_identity(identity: Identity, notes: list[str]) -> DriveProfile:
             f"another product ({identity}) of the maker of {other}: it is used as CiA 402 says; give "
             f"`profile: {other}` if it is one of these"
         )
+        # Its rated torque may count otherwise, as that of the others does: the motor's own data tell.
+        return profile.model_copy(update={"motor": built_in()[other].motor})
     return profile
 
 
@@ -262,23 +276,57 @@ def _mode_remedy(name: str, modes: frozenset[OpMode]) -> str:
     )
 
 
+def _uses(config: CanopenConfig, joint: JointConfig) -> set[Quantity]:
+    """Return the rates that a drive is given, or that are taken from it."""
+    ramps = config.drives_plan or OpMode.PV in joint.op_modes
+    homing = joint.homing
+    used = {Quantity.ACCELERATION} if ramps or (homing and homing.acceleration) else set()
+    if ramps or Way.VELOCITIES in joint.ways or "velocity" in config.feedback:
+        used.add(Quantity.VELOCITY)
+    return used
+
+
+def _note_assumed(
+    config: CanopenConfig, joint: JointConfig, units: JointUnits, notes: list[str]
+) -> None:
+    """Note each unit that is used and that nobody tells."""
+    for quantity in sorted(units.assumed.keys() & _uses(config, joint)):
+        source = UNITS[quantity]
+        notes.append(
+            f"nobody tells the unit of {quantity} ({source.objects}): it has no {source.reported}, and is "
+            f"taken for {units.assumed[quantity]}; look into its manual, and give {keys_text(quantity)}"
+        )
+
+
+def _acceleration_needed(name: str) -> ConfigError:
+    source = UNITS[Quantity.ACCELERATION]
+    return ConfigError(
+        f"velocities have a unit of their own (`velocity_scale`), and nobody tells that of accelerations "
+        f"({source.objects}): the drive has no {source.reported}",
+        where=f"joints.{name}",
+        remedy=f"Give {keys_text(Quantity.ACCELERATION)}, by the drive's manual.",
+    )
+
+
 def _profile(
-    sdo: Sdo, joint: JointConfig, units: JointUnits, notes: list[str], *, moves: bool
+    sdo: Sdo, name: str, joint: JointConfig, units: JointUnits, notes: list[str], *, moves: bool
 ) -> None:
     """Give a drive that makes its own ramps the limits of the joint."""
     if not moves and OpMode.PV not in joint.op_modes:
         return
-    rates = ProfileRates.of(joint.velocity, joint.acceleration, units.velocity)
+    if units.ramp_time is None and math.isnan(units.acceleration_step):
+        raise _acceleration_needed(name)
+    rates = ProfileRates.in_units(joint.velocity, joint.acceleration, units)
     wanted = {
         "profile_velocity": rates.velocity,
         "profile_acceleration": rates.acceleration,
         "profile_deceleration": rates.acceleration,
     }
-    for name, value in wanted.items():
-        if moves or sdo.find(OBJECTS[name]) is not None:
-            sdo.ensure(OBJECTS[name], value, "Check the limits of the joint against the drive's.")
-        elif name != "profile_velocity":
-            notes.append(f"it has no {name.replace('_', ' ')}: its ramps are its own")
+    for entry, value in wanted.items():
+        if moves or sdo.find(OBJECTS[entry]) is not None:
+            sdo.ensure(OBJECTS[entry], value, "Check the limits of the joint against the drive's.")
+        elif entry != "profile_velocity":
+            notes.append(f"it has no {entry.replace('_', ' ')}: its ramps are its own")
 
 
 def _homing(
@@ -288,22 +336,43 @@ def _homing(
     rates = {
         "homing_speed_switch": homing.speed_switch,
         "homing_speed_zero": homing.speed_zero,
-        "homing_acceleration": homing.acceleration,
     }
-    for name, rate in rates.items():
+    for entry, rate in rates.items():
         if rate is not None:
-            sdo.ensure(OBJECTS[name], round(rate / abs(units.velocity)))
+            sdo.ensure(OBJECTS[entry], round(rate / abs(units.velocity)))
+    if homing.acceleration is not None:
+        sdo.ensure(OBJECTS["homing_acceleration"], _homing_ramp(name, homing, units))
     if homing.position is not None:
-        entry = profile.home_entry
-        if sdo.find(entry) is None:
+        home = profile.home_entry
+        if sdo.find(home) is None:
             raise DeviceError(
-                f"joint {name}: the drive has no {entry}, which takes the position at the home point",
+                f"joint {name}: the drive has no {home}, which takes the position at the home point",
                 where=sdo.where,
                 remedy=f"Leave `joints.{name}.homing.position` out, and give `offset` for where the drive "
                 "counts 0; or give a `profile` with its `home_position`.",
             )
         counts = home_counts(homing.position, units)
-        sdo.ensure(entry, -counts if homing.home_offset == "zero" else counts)
+        sdo.ensure(home, -counts if homing.home_offset == "zero" else counts)
+
+
+def _homing_ramp(name: str, homing: HomingConfig, units: JointUnits) -> int:
+    """Return what 609Ah is to be, in the units of its drive.
+
+    Raises:
+        ConfigError: nobody tells its unit, or it is a time and no speed is configured.
+    """
+    assert homing.acceleration is not None
+    if units.ramp_time is None:
+        if math.isnan(units.acceleration_step):
+            raise _acceleration_needed(name)
+        return max(1, round(homing.acceleration / units.acceleration_step))
+    if homing.speed_switch is None:
+        raise ConfigError(
+            "the drive takes the time of a ramp (609Ah), which follows from speed and acceleration",
+            where=f"joints.{name}.homing",
+            remedy="Give `homing.speed_switch` too.",
+        )
+    return max(1, round(homing.speed_switch / homing.acceleration / units.ramp_time))
 
 
 def _map(sdo: Sdo, layout: Layout, node: int) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Final, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -10,9 +9,11 @@ from pydantic import Field, field_validator, model_validator
 from crtk_driver_canopen.drive_profile import AUTO, NONE, built_in
 from crtk_driver_canopen.homing import METHODS
 from crtk_driver_canopen.identity import Identity
+from crtk_driver_canopen.joint_scales import JointScales
 from crtk_driver_canopen.modes import WAYS, OpMode, Way
 from crtk_driver_canopen.objects import is_command, object_text, parse_object
-from crtk_driver_canopen.units import TURN, JointUnits, check_wire, interpolation_period
+from crtk_driver_canopen.parameter_owners import written_otherwise
+from crtk_driver_canopen.units import check_wire, interpolation_period
 from crtk_drivers.config import DeviceConfig, Settings
 
 NodeId = Annotated[int, Field(ge=1, le=127)]
@@ -128,7 +129,7 @@ class HomingConfig(Settings):
         return method
 
 
-class JointConfig(Settings):
+class JointConfig(JointScales):
     """One joint: an axis of a drive."""
 
     node: NodeId = Field(description="Id of the node.")
@@ -150,45 +151,6 @@ class JointConfig(Settings):
         max_length=4096,
         description="What its make does otherwise than CiA 402: a name (epos4), a .toml file, none, or "
         "auto: by its identity (1018h).",
-    )
-    kind: Literal["revolute", "prismatic"] = Field(default="revolute", description="Of the joint.")
-    scale: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="rad (m) for one position unit of the drive; from the keys below, or the drive's "
-        "own unit objects, if null.",
-    )
-    counts_per_turn: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Counts for one turn of the motor; 608Fh of the drive if null.",
-    )
-    gear: float | None = Field(
-        default=None,
-        gt=0.0,
-        le=100_000.0,
-        description="Turns of the motor for one of the joint; 6091h of the drive if null.",
-    )
-    feed: float | None = Field(
-        default=None, gt=0.0, le=10.0, description="Way of a prismatic joint with one turn, in m."
-    )
-    sign: Literal[1, -1] = Field(
-        default=1, description="-1 if the joint moves against the counts of the drive."
-    )
-    offset: float = Field(
-        default=0.0, description="Position of the joint where the drive counts 0, in rad (m)."
-    )
-    velocity_scale: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="rad/s (m/s) for one velocity unit; 60A9h of the drive, or that of position per "
-        "second, if null.",
-    )
-    rated_torque: float | None = Field(
-        default=None,
-        gt=0.0,
-        le=10_000.0,
-        description="Of the motor, in N·m: torques are counted in thousandths of it; 6076h if null.",
     )
     lower: float = Field(description="Least position, in rad (m).")
     upper: float = Field(description="Greatest position, in rad (m).")
@@ -325,10 +287,6 @@ class JointConfig(Settings):
             raise ValueError(f"lower ({self.lower:g}) must be below upper ({self.upper:g})")
         if not self.modes or len(set(self.modes)) != len(self.modes):
             raise ValueError("modes: give at least one, and none twice")
-        if self.feed is not None and self.kind == "revolute":
-            raise ValueError("feed: is only for a prismatic joint")
-        if self.scale is not None and self.counts_per_turn is not None:
-            raise ValueError("give scale or counts_per_turn, not both")
         return self
 
     @property
@@ -340,23 +298,6 @@ class JointConfig(Settings):
     def arrives_within(self) -> float:
         """How near to its goal a move has ended, in rad (m)."""
         return 0.02 * self.velocity if self.arrival is None else self.arrival
-
-    @property
-    def known_units(self) -> JointUnits:
-        """Its units as far as the configuration alone tells them; the others are NaN."""
-        position = velocity = effort = math.nan
-        turn = TURN if self.kind == "revolute" else self.feed
-        if self.scale is not None:
-            position = self.scale
-        elif self.counts_per_turn is not None and self.gear is not None and turn is not None:
-            position = turn / (self.counts_per_turn * self.gear)
-        if self.velocity_scale is not None:
-            velocity = self.velocity_scale
-        if self.rated_torque is not None and self.gear is not None and turn is not None:
-            effort = self.rated_torque / 1000.0 * self.gear * TURN / turn
-        return JointUnits(
-            self.sign * position, self.offset, self.sign * velocity, self.sign * effort
-        )
 
     @property
     def op_modes(self) -> tuple[OpMode, ...]:
@@ -517,6 +458,10 @@ class CanopenConfig(DeviceConfig):
                     f"joints.{name}.node: {joint.node} is the id of this computer (master_node)"
                 )
             check_wire(name, joint, joint.known_units)
+            for text in joint.parameters:
+                other = written_otherwise(text, joint, moves=self.drives_plan)
+                if other:
+                    raise ValueError(f"joints.{name}.parameters: {other}")
             first = identities.setdefault(joint.node, name)
             if self.joints[first].identity != joint.identity:
                 raise ValueError(

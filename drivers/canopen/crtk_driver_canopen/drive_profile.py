@@ -41,6 +41,10 @@ class IdentityRow(Settings):
     product_mask: int = Field(
         default=_U32, ge=0, le=_U32, description="Bits of the product code that count."
     )
+    names: tuple[str, ...] = Field(
+        default=(),
+        description="What its device name (1008h) begins with, whatever its product code.",
+    )
 
 
 class ObjectRow(Settings):
@@ -62,6 +66,31 @@ class ObjectRow(Settings):
         """The object, with its type."""
         index, sub = parse_object(self.object)
         return Entry(index, sub, ObjectType[self.type.upper()], name)
+
+
+class MotorRow(Settings):
+    """Objects of the maker's own from which the rated torque follows, in any unit of 6076h."""
+
+    current: ObjectRow = Field(description="Rated current; factor: A for one unit.")
+    constant: ObjectRow = Field(description="Torque constant; factor: N·m/A for one unit.")
+
+
+class VelocityRow(Settings):
+    """What one unit of a velocity is."""
+
+    one: float = Field(gt=0.0, le=1e9, description="How many of `unit` it is.")
+    unit: Literal["counts/s", "turns/s", "turns/min"] = Field(
+        description="Counts of positions (6064h), or turns of the motor."
+    )
+
+
+class AccelerationRow(Settings):
+    """What one unit of an acceleration is."""
+
+    one: float = Field(gt=0.0, le=1e9, description="How many of `unit` it is.")
+    unit: Literal["counts/s^2", "turns/s^2", "turns/min/s"] = Field(
+        description="Counts of positions (6064h), or turns of the motor."
+    )
 
 
 class ErrorRow(Settings):
@@ -108,8 +137,30 @@ class DriveProfile(Settings):
     velocity_unit: int | None = Field(
         default=None, ge=0, le=_U32, description="Unit of velocities where there is no 60A9h."
     )
+    velocity: VelocityRow | None = Field(
+        default=None,
+        description="What one unit of commanded velocities (60FFh, 6081h, 6099h) is, where there is no "
+        "60A9h.",
+    )
+    measured_velocity: VelocityRow | None = Field(
+        default=None,
+        description="What one unit of the measured velocity (606Ch) is, where it is another.",
+    )
+    acceleration: AccelerationRow | None = Field(
+        default=None,
+        description="What one unit of accelerations (6083h, 6084h, 609Ah) is, where there is no 60AAh.",
+    )
+    ramp_time: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=1.0,
+        description="s for one unit of 6083h and 6084h, where they are the times of ramps.",
+    )
     rated_torque_unit: float = Field(
         default=1e-3, gt=0.0, le=1.0, description="N·m for one unit of the rated torque (6076h)."
+    )
+    motor: MotorRow | None = Field(
+        default=None, description="From which its rated torque follows, whatever 6076h counts in."
     )
     errors: tuple[ErrorRow, ...] = Field(default=(), description="Its error codes.")
     notes: tuple[str, ...] = Field(
@@ -136,10 +187,10 @@ class DriveProfile(Settings):
         """Whether a node is one of these drives."""
         row = self.identity
         product = identity.product
-        return (
-            bool(row.vendor)
-            and identity.vendor == row.vendor
-            and product is not None
+        if not row.vendor or identity.vendor != row.vendor:
+            return False
+        return identity.name.startswith(row.names or ("\0",)) or (
+            product is not None
             and any((product ^ each) & row.product_mask == 0 for each in row.products)
         )
 

@@ -62,7 +62,7 @@ class GivenRates:
         self, velocities: NDArray[np.float64], accelerations: NDArray[np.float64]
     ) -> list[ProfileRates]:
         return [
-            ProfileRates.of(velocity, acceleration, axis.facts.units.velocity)
+            ProfileRates.in_units(velocity, acceleration, axis.facts.units)
             for velocity, acceleration, axis in zip(
                 velocities.tolist(), accelerations.tolist(), self._link.axes, strict=True
             )

@@ -207,6 +207,8 @@ OBJECTS: Final[Mapping[str, Entry]] = MappingProxyType(
             (0x60C1, 1, _T.I32, "interpolation position"),
             (0x60C2, 1, _T.U8, "interpolation period value"),
             (0x60C2, 2, _T.I8, "interpolation period exponent"),
+            (0x60C5, 0, _T.U32, "max acceleration"),
+            (0x60C6, 0, _T.U32, "max deceleration"),
             (0x60F4, 0, _T.I32, "following error actual"),
             (0x60FD, 0, _T.U32, "digital inputs"),
             (0x60FE, 1, _T.U32, "digital outputs"),

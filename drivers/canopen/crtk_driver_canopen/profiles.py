@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.units import JointUnits
 
 _U32: Final = 0xFFFFFFFF
+_TINY: Final = 1e-12
+"""rad/s² (m/s²): a joint that is not to move gets the longest ramp."""
 
 _LEAST: Final = 1e-9
 """Share of the longest way below which a joint counts as being there."""
@@ -29,18 +32,38 @@ class ProfileRates(NamedTuple):
     acceleration: int
 
     @classmethod
-    def of(cls, velocity: float, acceleration: float, unit: float) -> ProfileRates:
+    def of(
+        cls,
+        velocity: float,
+        acceleration: float,
+        unit: float,
+        acceleration_unit: float | None = None,
+        ramp_time: float | None = None,
+    ) -> ProfileRates:
         """Return rates in the units of a drive, at least 1: a drive that is told 0 never arrives.
 
         Args:
             velocity: rad/s (m/s).
             acceleration: rad/s² (m/s²).
-            unit: rad/s (m/s) for one velocity unit; accelerations count in that a second.
+            unit: rad/s (m/s) for one velocity unit.
+            acceleration_unit: rad/s² (m/s²) for one unit of acceleration; None: that of velocity a second.
+            ramp_time: s for one unit where the drive takes the time in which it comes to its velocity; None:
+                it takes accelerations.
         """
+        ramps = (
+            acceleration / abs(unit if acceleration_unit is None else acceleration_unit)
+            if ramp_time is None
+            else velocity / max(acceleration, _TINY) / ramp_time
+        )
         velocities, accelerations = (
-            min(max(1, round(rate / abs(unit))), _U32) for rate in (velocity, acceleration)
+            min(max(1, round(min(rate, _U32))), _U32) for rate in (velocity / abs(unit), ramps)
         )
         return cls(velocities, accelerations)
+
+    @classmethod
+    def in_units(cls, velocity: float, acceleration: float, units: JointUnits) -> ProfileRates:
+        """Return rates in the units of a joint, which must be known; see `of`."""
+        return cls.of(velocity, acceleration, units.velocity, units.acceleration, units.ramp_time)
 
     def write(self, sdo: Sdo, before: ProfileRates | None) -> None:
         """Write them into a drive.

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from crtk_driver_canopen.objects import OBJECTS, parse_object
 from crtk_driver_canopen.sdo import ObjectIgnored, Sdo, SdoAborted
 from crtk_driver_canopen.statemachine import option_text
-from crtk_driver_canopen.units import TURN, JointUnits, UnitObjects
+from crtk_driver_canopen.unit_codes import TURN
+from crtk_driver_canopen.units import JointUnits, UnitObjects
 from crtk_drivers.errors import DeviceError
 
 if TYPE_CHECKING:

@@ -1,18 +1,17 @@
 """Between what drives count in and SI, for one joint and for a whole arm.
 
 A drive counts positions in increments or in units of its own, velocities in those per second or in what
-its unit object (60A9) says, and torques in thousandths of the rated torque (6076). What is not configured
-is read from the drive: encoder resolution 608F, gear ratio 6091, feed 6092, SI units 60A8 and 60A9, rated
-torque 6076.
+its unit object (60A9) says, and torques in thousandths of the rated torque (6076). Where each unit comes
+from is a table, `crtk_driver_canopen.unit_table`: what is not configured is read from the drive (60A8, 60A9,
+60AA, 608F, 6091, 6092, 6076) or known of its make. A unit that is not understood is refused, never guessed.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from types import MappingProxyType
-from typing import Final, NamedTuple, Protocol
+from dataclasses import dataclass, field, fields
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,26 +19,20 @@ from typing_extensions import override
 
 from crtk_driver_canopen.drive_profile import PLAIN, DriveProfile
 from crtk_driver_canopen.objects import OBJECTS
+from crtk_driver_canopen.rate_units import MakeRate, Transmission
 from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.unit_codes import (
+    ANGLES,
+    COUNTS,
+    LENGTHS,
+    TURN,
+    acceleration_of,
+    unit_of,
+    velocity_of,
+)
+from crtk_driver_canopen.unit_table import UNITS, Quantity, keys_text
 from crtk_drivers.errors import CommandRefused, ConfigError, Reason
 from crtk_drivers.samples import Vector, vector
-
-TURN: Final = 2.0 * math.pi
-
-_ANGLES: Final[Mapping[int, float]] = MappingProxyType(
-    {
-        0x10: 1.0,
-        0x41: TURN / 360.0,
-        0x42: TURN / 360.0 / 60.0,
-        0x43: TURN / 360.0 / 3600.0,
-        0xB4: TURN,
-    }
-)
-"""Radian, degree, minute and second of arc, revolution, in rad (CiA 303-2, notation indices)."""
-
-_METRE: Final = 0x01
-_TIMES: Final[Mapping[int, float]] = MappingProxyType({0x03: 1.0, 0x47: 60.0, 0x48: 3600.0})
-"""Second, minute, hour, in s."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +45,9 @@ class UnitObjects:
         feed: position units for one turn of the shaft (6092).
         position_unit: (60A8).
         velocity_unit: (60A9).
+        acceleration_unit: (60AA).
         rated_torque: of the motor, in N·m (6076).
+        make: what its make has where it has no such object.
     """
 
     encoder: float | None = None
@@ -60,11 +55,14 @@ class UnitObjects:
     feed: float | None = None
     position_unit: int | None = None
     velocity_unit: int | None = None
+    acceleration_unit: int | None = None
     rated_torque: float | None = None
+    make: DriveProfile = PLAIN
 
     @override
     def __str__(self) -> str:
         known = {each.name: getattr(self, each.name) for each in fields(self)}
+        known.pop("make")
         return ", ".join(
             f"{name.replace('_', ' ')} {value:#x}" if "unit" in name else f"{name} {value:g}"
             for name, value in known.items()
@@ -93,7 +91,16 @@ def read_unit_objects(sdo: Sdo, profile: DriveProfile = PLAIN) -> UnitObjects:
         told = None if row is None else sdo.find(row.entry("encoder"))
         return None if row is None or not told else told * row.factor
 
-    rated = sdo.find(OBJECTS["motor_rated_torque"])
+    def rated_torque() -> float | None:
+        row = profile.motor
+        if row is not None and "rated_torque_unit" not in profile.model_fields_set:
+            current = sdo.find(row.current.entry("rated current"))
+            constant = sdo.find(row.constant.entry("torque constant"))
+            if current and constant:
+                return current * row.current.factor * constant * row.constant.factor
+        rated = sdo.find(OBJECTS["motor_rated_torque"])
+        return rated * profile.rated_torque_unit if rated else None
+
     velocity_unit = sdo.find(OBJECTS["si_unit_velocity"])
     return UnitObjects(
         encoder=ratio("encoder_increments", "encoder_motor_revolutions") or counts(),
@@ -101,27 +108,14 @@ def read_unit_objects(sdo: Sdo, profile: DriveProfile = PLAIN) -> UnitObjects:
         feed=ratio("feed", "feed_shaft_revolutions"),
         position_unit=sdo.find(OBJECTS["si_unit_position"]),
         velocity_unit=profile.velocity_unit if velocity_unit is None else velocity_unit,
-        rated_torque=rated * profile.rated_torque_unit if rated else None,
-    )
-
-
-class _Unit(NamedTuple):
-    """A unit object taken apart: prefix, numerator, denominator."""
-
-    factor: float
-    numerator: int
-    denominator: int
-
-
-def _unit(word: int) -> _Unit:
-    prefix = word >> 24 & 0xFF
-    return _Unit(
-        10.0 ** (prefix - 256 if prefix > 127 else prefix), word >> 16 & 0xFF, word >> 8 & 0xFF
+        acceleration_unit=sdo.find(OBJECTS["si_unit_acceleration"]),
+        rated_torque=rated_torque(),
+        make=profile,
     )
 
 
 class JointScale(Protocol):
-    """What the configuration of a joint says of its units; see `crtk_driver_canopen.config.JointConfig`."""
+    """What the configuration of a joint says of its units; see `crtk_driver_canopen.joint_scales`."""
 
     @property
     def kind(self) -> str: ...  # noqa: D102
@@ -129,6 +123,12 @@ class JointScale(Protocol):
     def scale(self) -> float | None: ...  # noqa: D102
     @property
     def velocity_scale(self) -> float | None: ...  # noqa: D102
+    @property
+    def measured_velocity_scale(self) -> float | None: ...  # noqa: D102
+    @property
+    def acceleration_scale(self) -> float | None: ...  # noqa: D102
+    @property
+    def ramp_time_scale(self) -> float | None: ...  # noqa: D102
     @property
     def counts_per_turn(self) -> float | None: ...  # noqa: D102
     @property
@@ -141,6 +141,10 @@ class JointScale(Protocol):
     def offset(self) -> float: ...  # noqa: D102
     @property
     def rated_torque(self) -> float | None: ...  # noqa: D102
+    @property
+    def effort_scale(self) -> float | None: ...  # noqa: D102
+    @property
+    def measured_effort_scale(self) -> float | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -151,17 +155,33 @@ class JointUnits:
         position: rad (m) for one position unit of the drive.
         offset: position of the joint where the drive counts 0, in rad (m).
         velocity: rad/s (m/s) for one velocity unit.
-        effort: N·m (N) for one thousandth of the rated torque; NaN if that is not known.
+        effort: N·m (N) for one unit of torque, a thousandth of the rated one; NaN if that is not known.
+        measured_velocity: rad/s (m/s) for one unit of 606C; None: that of `velocity`.
+        acceleration: rad/s² (m/s²) for one unit of 6083, 6084 and 609A; NaN: nobody tells it; None: one
+            velocity unit a second.
+        ramp_time: s for one unit of these objects where they are times; None: they are none.
+        measured_effort: N·m (N) for one unit of 6077; None: that of `effort`.
+        assumed: what was taken for which unit because nobody tells it, in words.
     """
 
     position: float
     offset: float
     velocity: float
     effort: float
+    measured_velocity: float | None = None
+    acceleration: float | None = None
+    ramp_time: float | None = None
+    measured_effort: float | None = None
+    assumed: Mapping[Quantity, str] = field(default_factory=dict)
+
+    @property
+    def acceleration_step(self) -> float:
+        """rad/s² (m/s²) for one unit of acceleration, above 0; NaN if nobody tells it."""
+        return abs(self.velocity if self.acceleration is None else self.acceleration)
 
 
 def resolve(name: str, joint: JointScale, drive: UnitObjects) -> JointUnits:
-    """Return the units of a joint, from its configuration and what its drive tells.
+    """Return the units of a joint, from its configuration, what its drive tells, and its make.
 
     Args:
         name: of the joint.
@@ -169,33 +189,138 @@ def resolve(name: str, joint: JointScale, drive: UnitObjects) -> JointUnits:
         drive: what the drive tells.
 
     Raises:
-        ConfigError: they do not say how far the joint moves for one count.
+        ConfigError: they do not say how far the joint moves for one count, or how fast, or the drive counts
+            in a unit that is not understood.
     """
     gear = joint.gear or drive.gear or 1.0
     position = _position(name, joint, drive, gear)
-    velocity = joint.velocity_scale
-    if velocity is None:
-        velocity = _velocity(joint, drive, gear) or position
+    of_shaft = drive.position_unit is not None and unit_of(drive.position_unit).numerator in ANGLES
+    way = Transmission(
+        position,
+        TURN if joint.kind == "revolute" else joint.feed,
+        gear,
+        gear / (drive.gear or 1.0),
+        of_shaft,
+        joint.kind == "prismatic",
+    )
+    assumed: dict[Quantity, str] = {}
+    make = drive.make
+    commanded = _rate(
+        name, Quantity.VELOCITY, way, joint.velocity_scale, drive.velocity_unit, make.velocity
+    )
+    if commanded is None:
+        assumed[Quantity.VELOCITY] = "position units a second"
+        commanded = position
+    measured = joint.measured_velocity_scale
+    if measured is None and make.measured_velocity is not None:
+        measured = way.of_make(make.measured_velocity)
+    acceleration, ramp_time = _acceleration(name, joint, way, drive, commanded, assumed)
+    effort = _effort(joint, drive, gear)
+    sign = joint.sign
+    return JointUnits(
+        sign * position,
+        joint.offset,
+        sign * commanded,
+        sign * effort,
+        None if measured is None else sign * measured,
+        acceleration,
+        ramp_time,
+        None if joint.measured_effort_scale is None else sign * joint.measured_effort_scale,
+        assumed,
+    )
+
+
+def _acceleration(
+    name: str,
+    joint: JointScale,
+    way: Transmission,
+    drive: UnitObjects,
+    velocity: float,
+    assumed: dict[Quantity, str],
+) -> tuple[float, float | None]:
+    """Return rad/s² (m/s²) for one unit of acceleration, NaN if not known, and s where units are times."""
+    make = drive.make
+    given = joint.acceleration_scale
+    ramp_time = joint.ramp_time_scale
+    if given is None and ramp_time is None and drive.acceleration_unit is None:
+        ramp_time = make.ramp_time
+    if ramp_time is not None:
+        return math.nan, ramp_time
+    found = _rate(
+        name, Quantity.ACCELERATION, way, given, drive.acceleration_unit, make.acceleration
+    )
+    if found is not None:
+        return found, None
+    if joint.velocity_scale is not None:
+        return math.nan, None  # whoever has to give the one has to give the other
+    assumed[Quantity.ACCELERATION] = "velocity units a second"
+    return velocity, None
+
+
+def _rate(
+    name: str,
+    quantity: Quantity,
+    way: Transmission,
+    given: float | None,
+    word: int | None,
+    make: MakeRate | None,
+) -> float | None:
+    """Return rad/s (m/s), or that a second, for one unit: as given, as reported, or of the make.
+
+    Raises:
+        ConfigError: the drive reports what is not understood, or does not fit the joint.
+    """
+    if given is not None:
+        return given
+    if word:
+        decode = velocity_of if quantity is Quantity.VELOCITY else acceleration_of
+        rate = decode(word)
+        found = None if rate is None else way.reported(rate)
+        if found is None:
+            raise _not_understood(name, quantity, word)
+        return found
+    return None if make is None else way.of_make(make)
+
+
+def _not_understood(name: str, quantity: Quantity, word: int) -> ConfigError:
+    source, unit = UNITS[quantity], unit_of(word)
+    return ConfigError(
+        f"the drive reports a unit of {quantity} that is not understood, or does not fit the joint: "
+        f"{source.reported.partition(',')[0]} is 0x{word:08X} ({unit.factor:g} times {unit.numerator:02X}h"
+        + (f", for {unit.denominator:02X}h)" if unit.denominator else ")"),
+        where=f"joints.{name}",
+        remedy=f"Give {keys_text(quantity)}: what the drive's manual says of {source.objects}.",
+    )
+
+
+def _effort(joint: JointScale, drive: UnitObjects, gear: float) -> float:
+    """Return N·m (N) for one unit of torque; NaN if that is not known."""
+    if joint.effort_scale is not None:
+        return joint.effort_scale
     rated = drive.rated_torque if joint.rated_torque is None else joint.rated_torque
     effort = math.nan if rated is None else rated / 1000.0 * gear
     if joint.kind == "prismatic" and joint.feed:
         effort *= TURN / joint.feed
-    sign = joint.sign
-    return JointUnits(sign * position, joint.offset, sign * velocity, sign * effort)
+    return effort
 
 
 def _position(name: str, joint: JointScale, drive: UnitObjects, gear: float) -> float:
     """Return rad (m) for one position unit."""
     if joint.scale is not None:
         return joint.scale
-    if joint.counts_per_turn is None and drive.position_unit:
-        unit = _unit(drive.position_unit)
-        if unit.numerator in _ANGLES and joint.kind == "revolute":
-            # Of the drive's own shaft, behind the gear that it knows of.
-            return unit.factor * _ANGLES[unit.numerator] * (drive.gear or 1.0) / gear
-        if unit.numerator == _METRE and joint.kind == "prismatic":
-            return unit.factor
+    factor = 1.0
     turn = TURN if joint.kind == "revolute" else joint.feed
+    if joint.counts_per_turn is None and drive.position_unit:
+        unit = unit_of(drive.position_unit)
+        if unit.numerator in ANGLES and turn is not None:
+            # Of the drive's own shaft, behind the gear that it knows of.
+            angle = unit.factor * ANGLES[unit.numerator] / TURN
+            return angle * turn * (drive.gear or 1.0) / gear
+        if unit.numerator in LENGTHS and joint.kind == "prismatic":
+            return unit.factor * LENGTHS[unit.numerator]
+        if unit.numerator not in COUNTS and unit.numerator not in ANGLES:
+            raise _not_understood(name, Quantity.POSITION, drive.position_unit)
+        factor = unit.factor
     if turn is None:
         raise ConfigError(
             "a prismatic joint needs to know how far it moves with one turn",
@@ -204,37 +329,29 @@ def _position(name: str, joint: JointScale, drive: UnitObjects, gear: float) -> 
         )
     counts = joint.counts_per_turn or _motor_counts(drive)
     if counts is None:
+        told = "the drive does not tell its encoder resolution (608Fh)"
+        if drive.encoder is not None:
+            told = (
+                f"the drive reports {drive.encoder:g} count for a turn of the motor (608Fh): a default, and "
+                "no encoder's resolution"
+            )
         raise ConfigError(
-            "the drive does not tell its encoder resolution (608Fh)",
+            told,
             where=f"joints.{name}",
             remedy="Give `counts_per_turn` of the motor and `gear`, or `scale` in rad for a count.",
         )
-    return turn / (counts * gear)
+    return turn / (counts * gear) * factor
+
+
+_DEFAULT: Final = 1.0
+"""Increments of a turn (608F), and position units (6092), that stand for "not set"."""
 
 
 def _motor_counts(drive: UnitObjects) -> float | None:
     """Return position units for one turn of the motor: feed / gear (CiA 402-2), where a feed is set."""
-    if drive.feed is not None and drive.feed > 1.0:
+    if drive.feed is not None and drive.feed > _DEFAULT:
         return drive.feed / (drive.gear or 1.0)
-    return drive.encoder
-
-
-def _velocity(joint: JointScale, drive: UnitObjects, gear: float) -> float | None:
-    """Return rad/s (m/s) for one unit of 60A9; None if it is none that is known, as increments are not."""
-    unit = _unit(drive.velocity_unit or 0)
-    seconds = _TIMES.get(unit.denominator)
-    if seconds is None:
-        return None
-    if unit.numerator == _METRE and joint.kind == "prismatic":
-        return unit.factor / seconds
-    angle = _ANGLES.get(unit.numerator)
-    if angle is None or (joint.kind == "prismatic" and joint.feed is None):
-        return None
-    way = angle if joint.kind == "revolute" else angle * (joint.feed or 0.0) / TURN
-    # Where positions are in a unit of the shaft, velocities are the shaft's; else they are the motor's.
-    physical = drive.position_unit is not None and _unit(drive.position_unit).numerator in _ANGLES
-    turns = gear / (drive.gear or 1.0) if physical else gear
-    return unit.factor * way / seconds / turns
+    return drive.encoder if drive.encoder is not None and drive.encoder > _DEFAULT else None
 
 
 class JointRange(JointScale, Protocol):
@@ -310,11 +427,23 @@ class GroupUnits:
         self._offset = np.array([each.offset for each in units])
         self._velocity = np.array([each.velocity for each in units])
         self._effort = np.array([each.effort for each in units])
+        self._measured_velocity = np.array(
+            [
+                each.velocity if each.measured_velocity is None else each.measured_velocity
+                for each in units
+            ]
+        )
+        self._measured_effort = np.array(
+            [
+                each.effort if each.measured_effort is None else each.measured_effort
+                for each in units
+            ]
+        )
 
     @property
     def velocity_steps(self) -> tuple[float, ...]:
-        """One unit of each velocity, in rad/s (m/s)."""
-        return tuple(np.abs(self._velocity).tolist())
+        """One unit of each velocity as it is measured, in rad/s (m/s)."""
+        return tuple(np.abs(self._measured_velocity).tolist())
 
     def positions(self, counts: Sequence[int]) -> Vector:
         """Return positions (n,) in rad (m)."""
@@ -322,11 +451,11 @@ class GroupUnits:
 
     def velocities(self, counts: Sequence[int]) -> Vector:
         """Return velocities (n,) in rad/s (m/s)."""
-        return vector(np.asarray(counts, dtype=float) * self._velocity)
+        return vector(np.asarray(counts, dtype=float) * self._measured_velocity)
 
     def efforts(self, thousandths: Sequence[int]) -> Vector:
         """Return efforts (n,) in N·m (N); NaN where the rated torque is not known."""
-        return vector(np.asarray(thousandths, dtype=float) * self._effort)
+        return vector(np.asarray(thousandths, dtype=float) * self._measured_effort)
 
     def position_counts(self, positions: Vector) -> list[int]:
         """Return target positions (607A).

@@ -48,6 +48,8 @@ _INTERLOCK: Final = 1 << 3  # of the digital inputs 60FD
 
 _TARGETS: Final = (0x6071, 0x607A, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60FF)
 _DECELERATION: Final = {Ramp.SLOW: 0x6084, Ramp.QUICK: 0x6085, Ramp.LIMIT: 0x60C6}
+_RAMP_SPEEDS: Final = {0x6083: (0x6081, 0), 0x6084: (0x6081, 0), 0x609A: (0x6099, 1)}
+"""Speeds that ramps reach in their time, where the make takes times."""
 _CYCLIC: Final = (CyclicPosition, CyclicVelocity, CyclicTorque)
 
 _AT_REST: Final = 0.05  # rad/s at which a ramp down has ended
@@ -89,7 +91,13 @@ class Axis:
         self._codes = dict(make.codes)
         self._emergency = emergency
         self._values = dictionary.values
-        self.units = Units(self.value, has_feed=0x6092 + self._offset in dictionary.objects)
+        objects = dictionary.objects
+        self.units = Units(
+            self.value,
+            0x6092 + self._offset in objects,
+            make.habits,
+            0x60AA + self._offset in objects,
+        )
         self._controller = Controller(self.value, self.units, motor, self.switch, make.torque_unit)
         self.machine = Machine(self.value, self._permitted)
         self.setpoint = Setpoint()
@@ -145,7 +153,7 @@ class Axis:
             0x6063: lambda: _wrapped(self._sensed()[0] * self.units.increments),
             0x6064: lambda: _wrapped((self._sensed()[0] - self._zero) * self.units.per_revolution),
             0x6069: self._actual_velocity,
-            0x606B: lambda: _i32(self.setpoint.velocity * self.units.velocity),
+            0x606B: lambda: _i32(self.setpoint.velocity * self.units.shown),
             0x606C: self._actual_velocity,
             0x6074: self._torque_permille,
             0x6077: self._torque_permille,
@@ -174,7 +182,10 @@ class Axis:
 
     def acceleration(self, index: int) -> float:
         """Value of an acceleration object in position units a second squared."""
-        return self.value(index) / self.units.acceleration
+        ramp = self.units.ramp_time
+        if ramp is None or index not in _RAMP_SPEEDS:
+            return self.value(index) / self.units.acceleration
+        return self.speed(*_RAMP_SPEEDS[index]) / (self.value(index) * ramp)
 
     @property
     def period(self) -> float:
@@ -226,7 +237,7 @@ class Axis:
         return max(-0x8000, min(0x7FFF, round(permille))) * self.forward
 
     def _actual_velocity(self) -> int:
-        return _i32(self._sensed()[1] * self._controller.scale * self.units.velocity)
+        return _i32(self._sensed()[1] * self._controller.scale * self.units.shown)
 
     def _sensed(self) -> tuple[float, float, float]:
         return self._measuring.tell(self._torque)

@@ -120,9 +120,12 @@ ADDS: Final = (
         "Motor data",
         Kind.RECORD,
         {
-            0: Variable("Highest sub-index supported", DataType.U8, "ro", 2),
+            0: Variable("Highest sub-index supported", DataType.U8, "ro", 5),
             1: Variable("Nominal current", DataType.U32, "rw", 2000),
             2: Variable("Output current limit", DataType.U32, "rw", 4000),
+            3: Variable("Number of pole pairs", DataType.U8, "rw", 1),
+            4: Variable("Thermal time constant winding", DataType.U16, "rw", 40),
+            5: Variable("Motor torque constant", DataType.U32, "rw", 500_000),
         },
     ),
     Object(

@@ -25,7 +25,7 @@ from crtk_sim_backends.canopen.objects import (
 )
 from crtk_sim_backends.canopen.pdo import DUMMIES, LONGEST, MAPPING, RECEIVE, TRANSMIT
 from crtk_sim_backends.canopen.sheet import Sheet, read_sheet
-from crtk_sim_backends.canopen.units import turns_factor
+from crtk_sim_backends.canopen.units import acceleration_factor, turns_factor
 from crtk_sim_backends.options import ConfigError
 
 _SERVO: Final = 0x0192  # device profile in 1000
@@ -226,11 +226,15 @@ def _factors(sheet: Sheet, offset: int) -> dict[int, float]:
         counts /= default(0x6091, 1, 1) / default(0x6091, 2, 1)
     position = counts / COUNTS
     velocity = position * (turns_factor(default(0x60A9, 0, 0), counts) or 1.0)
+    acceleration = velocity
+    if 0x60AA + offset in sheet.objects:
+        acceleration = position * (acceleration_factor(default(0x60AA, 0, 0), counts) or 1.0)
     return {
         0x608F: counts / COUNTS,
         0x6092: counts / COUNTS,
         **dict.fromkeys(_POSITIONS, position),
-        **dict.fromkeys((*_VELOCITIES, *_ACCELERATIONS), velocity),
+        **dict.fromkeys(_VELOCITIES, velocity),
+        **dict.fromkeys(_ACCELERATIONS, acceleration),
     }
 
 

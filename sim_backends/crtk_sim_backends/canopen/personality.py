@@ -7,6 +7,8 @@ from typing import Final
 
 from crtk_sim_backends.canopen import epos4
 from crtk_sim_backends.canopen.dictionary import Key, Object, OfNode
+from crtk_sim_backends.canopen.makers import MAKERS
+from crtk_sim_backends.canopen.units import CIA, Habits
 
 PRODUCT: Final = 0x0402
 REVISION: Final = 0x0001_0000
@@ -37,6 +39,7 @@ class Personality:
         home_move: its own object for the way that it goes after homing, before that counts.
         pulses: its own object for a quarter of the increments of a turn, in place of 608F.
         torque_unit: N·m for one unit of 6076.
+        habits: in what it counts rates where no object tells it.
         codes: error codes that it has in place of those of CiA 402-2.
         limit_codes: error codes of its limit switches, negative and positive.
         keeps_no_rtr: it refuses a COB-ID of a TPDO without bit 30.
@@ -62,6 +65,7 @@ class Personality:
     home_move: Key | None = None
     pulses: Key | None = None
     torque_unit: float = 1e-3
+    habits: Habits = CIA
     codes: tuple[tuple[int, int], ...] = ()
     limit_codes: tuple[int, int] = (0x8612, 0x8612)
     keeps_no_rtr: bool = False
@@ -115,6 +119,18 @@ PERSONALITIES: Final[dict[str, Personality]] = {
             limit_codes=epos4.LIMIT_CODES,
             keeps_no_rtr=True,
             faults_at_stop=True,
+        ),
+        *(
+            Personality(
+                name,
+                0x0000_1F10 + number,
+                maker.device,
+                maker.summary,
+                maker.defaults,
+                lacks=maker.lacks,
+                habits=maker.habits,
+            )
+            for number, (name, maker) in enumerate(MAKERS.items())
         ),
     )
 }

@@ -117,10 +117,10 @@ def test_range_and_speed_are_given_to_the_drive_as_its_own_limits() -> None:
 def test_limits_of_speed_are_never_raised_and_others_are_left_where_that_is_wanted() -> None:
     with drives(1) as sim:
         give(sim, 500, 0x6080)
-        give(sim, 1000, 0x607F)
+        give(sim, 200_000, 0x607F)
         with arm_of(arm_on(sim, 1)) as arm:
-            assert (held(sim, 0x6080), held(sim, 0x607F)) == (500, 1000)
-            assert "607Fh:00 max profile velocity is 1000" in notes(arm)
+            assert (held(sim, 0x6080), held(sim, 0x607F)) == (500, 200_000)
+            assert "607Fh:00 max profile velocity is 200000" in notes(arm)
     with drives(1) as sim:
         before = [held(sim, index, sub) for index, sub in ((0x607D, 1), (0x607F, 0), (0x6080, 0))]
         with arm_of(arm_on(sim, 1, {"drive_limits": "keep"})):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Any
 
 import canopen
@@ -97,6 +98,7 @@ def test_coarse_velocities_are_told(sim: RunningSim) -> None:
         notes = " ".join(note.text for note in robot.health().notes)
         assert "velocities count in steps of 0.105 (60A9h): slower ones are 0" in notes
         assert robot.engine.device.velocity_steps == pytest.approx((TURN / 60.0,) * 2)
+    start_anew(sim)  # it holds the speed limit of a joint without a gear
     with arm(sim) as robot:
         notes = " ".join(note.text for note in robot.health().notes)
         assert "velocities count in steps" not in notes
@@ -180,15 +182,55 @@ def test_without_the_profile_it_is_refused_with_what_to_give(sim: RunningSim) ->
     refused(sim, "the drive has no 607Ch:00 home offset", profile="none", **keys)
 
 
-def test_another_product_of_the_maker_is_noted_and_can_be_named(sim: RunningSim) -> None:
+def test_another_hardware_is_known_by_its_name(sim: RunningSim) -> None:
+    """1008h begins with EPOS4: the rated torque of a maxon DCF, 4760 mA by 107746 µN·m/A, is in µN·m."""
     sim.control.inject("wrong_identity", product=0x61500000)
+    sim.control.call("object", node=1, index=0x6076, value=512_871)
+    joints = {"a": joint(1, gear=26.0)}
+    with arm_of(patient_arm_on(sim, 0, joints=joints)) as arm:
+        facts = device_of(arm).link.axes[0].facts
+        assert facts.drive.rated_torque == pytest.approx(4.760 * 0.107746, rel=1e-5)
+        arm.enable(LONG)
+
+        def is_sent() -> bool:
+            arm.servo_jf([2.0])
+            return int(sim.control.call("object", node=1, index=0x6071)) in (149, 150)
+
+        eventually(is_sent, "2 N·m are 150 thousandths")
+        assert abs(float(arm.measured_js().effort[0])) < 20.0
+    sim.control.clear()
+
+
+@pytest.fixture(scope="module")
+def kin(tmp_path_factory: pytest.TempPathFactory, shared: RunningSim) -> Iterator[RunningSim]:
+    """A drive of the same maker that is no EPOS4 by name or product."""
+    folder = tmp_path_factory.mktemp("kin")
+    sheet = Path(shared.paths["eds"]).read_text().replace("EPOS4 Module 24/1.5", "Other 5")
+    sheet = sheet.replace("0x60500000", "0x61500000").replace("0x000003ED", "0x00000225")
+    (folder / "other.eds").write_text(sheet)
+    (folder / "drives.yaml").write_text("1: {from_eds: other.eds}\n")
+    with drives(1, drives=str(folder / "drives.yaml")) as sim:
+        yield sim
+
+
+def test_another_product_of_the_maker_is_noted_and_can_be_named(kin: RunningSim) -> None:
     plain = {"a": joint(1, modes=("cst",), counts_per_turn=2000.0)}
-    with arm_of(patient_arm_on(sim, 0, joints=plain)) as robot:
+    with arm_of(patient_arm_on(kin, 0, joints=plain)) as robot:
         notes = " ".join(note.text for note in robot.health().notes)
         assert "give `profile: epos4` if it is one of these" in notes
-    with arm_of(patient_arm_on(sim, 0, joints={"a": joint(1, profile="epos4")})) as robot:
+        facts = device_of(robot).link.axes[0].facts
+        assert facts.drive.rated_torque == pytest.approx(1.0)  # by current and torque constant
+    named = {"a": joint(1, modes=("cst",), profile="epos4")}
+    with arm_of(patient_arm_on(kin, 0, joints=named)) as robot:
+        assert device_of(robot).link.axes[0].facts.drive.rated_torque == pytest.approx(1.0)
         robot.enable(LONG)
-    sim.control.clear()
+
+
+def test_a_rated_torque_in_another_unit_is_refused(sim: RunningSim) -> None:
+    """1 N·m read as 1000: no joint of 20 N·m has such a motor."""
+    keys = {"modes": ("cst",), "counts_per_turn": 2000.0}
+    for words in ("6076h", "5e+04 N·m", "20 N·m", "`rated_torque`"):
+        refused(sim, words, profile="none", **keys)
 
 
 def test_the_library_as_master_finds_the_same_odd_points(sim: RunningSim) -> None:

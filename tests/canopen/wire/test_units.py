@@ -1,0 +1,247 @@
+"""The CANopen arm on drives that count in units of their own, judged by what their motors really do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from crtk_driver_canopen import PLUGIN
+from crtk_driver_canopen.units import TURN
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.session import Session
+from crtk_sim_backends.process import RunningSim
+from rigs.canopen_arm import arm_of, drives, patient_arm_on
+from rigs.waiting import LONG, eventually
+
+GEAR = 100.0
+COUNTS = 65536
+MAKES = ("technosoft", "kinco", "roboteq", "ax2000", "zlac8015d", "epos4")
+JOINT: dict[str, Any] = {
+    "gear": GEAR,
+    "counts_per_turn": float(COUNTS),
+    "velocity": 1.0,
+    "acceleration": 1.0,
+    "effort": 0.0,
+    "modes": ("pp", "pv"),
+}
+EPOS4 = {**JOINT, "counts_per_turn": 2000.0, "modes": ("csp", "pp", "pv", "csv")}
+
+
+@pytest.fixture(scope="module")
+def makes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSim]:
+    """One drive of each make, nodes from 1 on in the order of `MAKES`."""
+    path = tmp_path_factory.mktemp("makes") / "drives.yaml"
+    path.write_text("".join(f"{n}: {{personality: {make}}}\n" for n, make in enumerate(MAKES, 1)))
+    with drives(len(MAKES), drives=str(path)) as sim:
+        yield sim
+
+
+@pytest.fixture
+def sim(makes: RunningSim) -> RunningSim:
+    """These drives as from the factory."""
+    makes.control.inject("reset")
+    eventually(lambda: _nmt(makes) == {"pre_operational"}, "they are up")
+    return makes
+
+
+def _nmt(sim: RunningSim) -> set[str]:
+    return {drive["nmt"] for drive in sim.control.status()["drives"].values()}
+
+
+def held(sim: RunningSim, node: int, index: int, sub: int = 0) -> int:
+    return int(sim.control.call("object", node=node, index=index, sub=sub))
+
+
+def joint_of(make: str, **keys: Any) -> dict[str, Any]:
+    joint = EPOS4 if make == "epos4" else {**JOINT, "profile": make}
+    return {"node": 1 + MAKES.index(make), **joint, **keys}
+
+
+def moved(sim: RunningSim, make: str) -> float:
+    """Seconds that the motor takes for 1.5 rad in a move of its drive's own."""
+    node = 1 + MAKES.index(make)
+    joint = {**_limits(), **joint_of(make, velocity=3.0)}
+    with arm_of(patient_arm_on(sim, 0, joints={"a": joint}, moves="drives")) as arm:
+        arm.enable(LONG)
+        start = _turned(sim, node)
+        move = arm.move_jr([1.5])
+        eventually(lambda: abs(_turned(sim, node) - start) > 0.01, "it goes")
+        began = time.monotonic()
+        eventually(lambda: abs(_turned(sim, node) - start) > 1.49, "it is there")
+        seconds = time.monotonic() - began
+        move.wait(LONG)
+    return seconds
+
+
+def _turned(sim: RunningSim, node: int) -> float:
+    axis = sim.control.status()["drives"][str(node)]["axes"][0]
+    return float(axis["revolutions"]) * TURN / GEAR
+
+
+def _limits() -> dict[str, float]:
+    return {"lower": -10.0, "upper": 10.0, "following_error": 1.0}
+
+
+@pytest.mark.parametrize("make", MAKES)
+def test_a_move_has_the_acceleration_of_the_limit(sim: RunningSim, make: str) -> None:
+    """2.2 s with 1 rad/s²; half a second with a thousand times that."""
+    assert moved(sim, make) == pytest.approx(2.2, rel=0.3)
+
+
+@pytest.mark.parametrize("make", MAKES)
+def test_measured_velocity_is_that_of_the_motor(sim: RunningSim, make: str) -> None:
+    node = 1 + MAKES.index(make)
+    joints = {"a": {**_limits(), **joint_of(make, modes=("pv",))}}
+    with arm_of(patient_arm_on(sim, 0, joints=joints)) as arm:
+        arm.enable(LONG)
+
+        def is_as_asked() -> bool:
+            arm.servo_jv([0.5])
+            return abs(float(arm.measured_js().velocity[0]) - 0.5) < 0.02
+
+        eventually(is_as_asked, "it tells the velocity that was asked for")
+        first, began = _turned(sim, node), time.monotonic()
+        while time.monotonic() < began + 0.5:
+            arm.servo_jv([0.5])
+            time.sleep(0.01)
+        rate = (_turned(sim, node) - first) / (time.monotonic() - began)
+        assert rate == pytest.approx(0.5, rel=0.1)
+        assert not [n.text for n in arm.health().notes if "606Ch" in n.text]
+
+
+def test_ramps_are_written_in_the_unit_of_the_make(sim: RunningSim) -> None:
+    """1 rad/s² is 1043 counts a ms squared times 1e-6, 16.16: not 1000 times that."""
+    counts = GEAR * COUNTS / TURN  # for 1 rad
+    wanted = {
+        "technosoft": counts * 65536 / 1e6,
+        "kinco": counts * 65536 / 4e6,
+        "roboteq": 600.0 * GEAR / TURN,
+        "ax2000": 1000.0,
+        "zlac8015d": 1000.0,
+        "epos4": 60.0 * GEAR / TURN,
+    }
+    joints = {make: {**_limits(), **joint_of(make)} for make in MAKES}
+    with arm_of(patient_arm_on(sim, 0, joints=joints, moves="drives", period=0.02)):
+        for make, value in wanted.items():
+            for index in (0x6083, 0x6084):
+                assert held(sim, 1 + MAKES.index(make), index) == round(value), (make, index)
+
+
+def test_homing_ramps_have_the_same_unit(sim: RunningSim) -> None:
+    homing = {"method": 37, "speed_switch": 0.5, "acceleration": 0.5}
+    joints = {
+        make: {**_limits(), **joint_of(make, homing=homing, modes=("pv",))}
+        for make in ("technosoft", "ax2000")
+    }
+    with arm_of(patient_arm_on(sim, 0, joints=joints)):
+        counts = GEAR * COUNTS / TURN
+        assert held(sim, 1, 0x609A) == round(0.5 * counts * 65536 / 1e6)
+        assert held(sim, 4, 0x609A) == 1000  # ms to 0.5 rad/s
+
+
+# ------------------------------------------------------------------------------- units by the keys
+
+
+@contextmanager
+def not_connected(sim: RunningSim, *words: str, **joint: Any) -> Iterator[None]:
+    """The arm says so, and does not get connected."""
+    robot = LocalDevice(
+        Session(PLUGIN, patient_arm_on(sim, 0, joints={"a": {**_limits(), **joint}}))
+    )
+    try:
+        robot._session.start()
+        for text in words:
+            eventually(
+                lambda text=text: text in robot.operating_state().detail,  # type: ignore[misc]
+                f"{text}: {robot.operating_state().detail}",
+            )
+        assert not robot.engine.connected
+        yield
+    finally:
+        robot.close()
+
+
+def test_velocities_alone_do_not_tell_accelerations(sim: RunningSim) -> None:
+    """Nobody says what 6083h counts in: it is asked for, and nothing is written."""
+    before = held(sim, 1, 0x6083)
+    scale = TURN / (COUNTS * GEAR) * 1000.0 / 65536.0
+    joint = joint_of("technosoft", profile="none", velocity_scale=scale)
+    with not_connected(sim, "6083h", "Give `acceleration_scale`", **joint):
+        assert held(sim, 1, 0x6083) == before
+
+
+def test_the_keys_give_what_no_profile_does(sim: RunningSim) -> None:
+    count = TURN / (COUNTS * GEAR)
+    keys = {
+        "profile": "none",
+        "velocity_scale": count * 1000.0 / 65536.0,
+        "acceleration_scale": count * 1e6 / 65536.0,
+    }
+    joint = {**_limits(), **joint_of("technosoft", **keys)}
+    with arm_of(patient_arm_on(sim, 0, joints={"a": joint}, moves="drives")):
+        assert held(sim, 1, 0x6083) == round(65536.0 / 1e6 / count)
+
+
+def test_an_acceleration_a_thousand_times_off_is_refused(sim: RunningSim) -> None:
+    """The unit of velocities, given for accelerations too: a limit would be written 1000 times too large."""
+    count, before = TURN / (COUNTS * GEAR), held(sim, 1, 0x6083)
+    scale = count * 1000.0 / 65536.0
+    keys = {"profile": "none", "velocity_scale": scale, "acceleration_scale": scale}
+    words = ("6085h", "in the unit that is used", "limit is 1 rad/s²", "`acceleration_scale`")
+    with not_connected(sim, *words, **joint_of("technosoft", **keys)):
+        assert held(sim, 1, 0x6083) == before
+
+
+def test_what_is_not_plausible_can_be_allowed(sim: RunningSim) -> None:
+    sim.control.call("object", node=5, index=0x607F, value=1)
+    keys = {"plausibility": "note", "modes": ("csp",)}
+    joint = {**_limits(), **joint_of("zlac8015d", **keys)}
+    with arm_of(patient_arm_on(sim, 0, joints={"a": joint})) as arm:
+        assert "607Fh" in " ".join(note.text for note in arm.health().notes)
+
+
+def test_a_move_in_small_part_does_not_make_the_next_start_implausible(sim: RunningSim) -> None:
+    """Its rates are shares of the limits, and stay in the drive."""
+    joints = {
+        make: {**_limits(), **joint_of(make, modes=("pp",))} for make in ("technosoft", "kinco")
+    }
+    config = patient_arm_on(sim, 0, joints=joints)
+    with arm_of(config) as arm:
+        arm.enable(LONG)
+        arm.move_jr([0.3, 0.003]).wait(LONG)
+    with arm_of(config):
+        assert held(sim, 2, 0x6081) < held(sim, 1, 0x6081)
+
+
+def test_times_of_ramps_have_a_key(sim: RunningSim) -> None:
+    keys = {"profile": "none", "ramp_time_scale": 1e-3}
+    joint = {**_limits(), **joint_of("ax2000", **keys)}
+    with arm_of(patient_arm_on(sim, 0, joints={"a": joint}, moves="drives")):
+        assert held(sim, 4, 0x6083) == 1000
+
+
+def test_units_that_nobody_tells_are_noted() -> None:
+    with drives(1, personality="ax2000") as sim:
+        joint = {**_limits(), **JOINT, "node": 1, "modes": ("csp", "csv")}
+        with arm_of(patient_arm_on(sim, 0, joints={"a": joint})) as arm:
+            notes = " ".join(note.text for note in arm.health().notes)
+            assert "nobody tells the unit of velocity" in notes
+            assert "give `velocity_scale`" in notes
+
+
+@pytest.mark.parametrize("entry", ["6083", "6084", "6081", "profile_acceleration"])
+def test_a_parameter_that_would_be_overwritten_is_refused(entry: str) -> None:
+    joint = {**_limits(), **JOINT, "node": 1, "parameters": {entry: 7}}
+    values = {"joints": {"a": joint}, "moves": "drives"}
+    with pytest.raises(ConfigError, match=r"is written from the limit .*would be overwritten"):
+        PLUGIN.load_config(values, {})
+
+
+def test_a_parameter_that_is_not_written_is_taken() -> None:
+    joint = {**_limits(), **JOINT, "node": 1, "modes": ("csp",), "parameters": {"6083": 7}}
+    PLUGIN.load_config({"joints": {"a": joint}}, {})
