@@ -23,6 +23,7 @@ from crtk_driver_canopen.renewal import Renewal
 from crtk_driver_canopen.statemachine import State, Status
 from crtk_driver_canopen.stopping import leave_holding
 from crtk_driver_canopen.troubles import AGAIN, Troubles
+from crtk_driver_canopen.velocity_check import VelocityCheck
 from crtk_drivers.device import (
     Capabilities,
     Condition,
@@ -73,6 +74,7 @@ class CanopenDevice(Device):
         self._troubles = Troubles(config, self.link, self._motion, self._patience)
         self._renewal = Renewal(config, self.link)
         self._transition = False
+        self._checks: list[VelocityCheck] = []
 
     @property
     @override
@@ -104,6 +106,10 @@ class CanopenDevice(Device):
         self._transition = False
         self._condition = Condition()
         self._motion.begin()
+        self._checks = [
+            VelocityCheck(axis.config.velocity, step, self._config.period)
+            for axis, step in zip(self.axes, self.link.units.velocity_steps, strict=True)
+        ]
         if self.link.held:
             self._motion.begin_anew(time.monotonic())
 
@@ -194,6 +200,8 @@ class CanopenDevice(Device):
         self._motion.step(now)
         if not complete:
             self._motion.note_unknown()
+            for check in self._checks:
+                check.forget()
         if link.age > self._patience:
             raise lost(link.where)
         if not complete:
@@ -202,10 +210,25 @@ class CanopenDevice(Device):
             return Sample(link.stamp, nothing) if self._condition.reason else None
         state = self._state()
         self._motion.note(state.position, now)
+        self._check_velocities(state)
         values: dict[str, Value] = {"measured_js": state}
         if self._motion.setpoint is not None:
             values["setpoint_js"] = JointState(position=self._motion.setpoint)
         return Sample(link.sampled, values)
+
+    def _check_velocities(self, state: JointState) -> None:
+        """Compare measured velocities with positions, until each joint has moved enough."""
+        if not state.velocity.size or all(check.judged for check in self._checks):
+            return
+        time_of = self.link.sampled.monotonic
+        for axis, check, position, velocity in zip(
+            self.axes, self._checks, state.position.tolist(), state.velocity.tolist(), strict=True
+        ):
+            if axis.homing is not None:
+                check.forget()  # positions may be set
+            elif check.take(position, velocity, time_of) and not check.agrees:
+                axis.notes.append(check.text())
+                logger.warning("%s: %s: %s", self.link.where, axis.place, check.text())
 
     def _state(self) -> JointState:
         link, units = self.link, self.link.units

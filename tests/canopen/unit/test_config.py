@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crtk_driver_canopen.config import CanopenConfig, JointConfig
+from crtk_driver_canopen.drive_profile import DriveProfile
 from crtk_driver_canopen.layout import plan
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import parse_object
@@ -183,6 +184,28 @@ def test_what_is_no_object(text: str) -> None:
             None,
             TURN / 5.0,
         ),
+        # Gradians; hundredths of an inch; thousandths of a foot.
+        ({}, {"encoder": 7, "position_unit": 0x00400000}, TURN / 400, None, math.nan),
+        ({"kind": "prismatic"}, {"position_unit": 0xFEC10000}, 0.000254, None, math.nan),
+        ({"kind": "prismatic"}, {"position_unit": 0xFDC20000}, 0.0003048, None, math.nan),
+        # Hundredths of an increment, and increments a minute.
+        (
+            {"gear": 10},
+            {"encoder": 1000, "position_unit": 0xFEB50000, "velocity_unit": 0x00B54700},
+            TURN / 1_000_000,
+            TURN / 1_000_000 / 60,
+            math.nan,
+        ),
+        # Degrees of the shaft of a spindle, 5 mm for a turn.
+        (
+            {"kind": "prismatic", "feed": 0.005},
+            {"position_unit": 0x00410000},
+            0.005 / 360,
+            None,
+            math.nan,
+        ),
+        # Torques in units of their own.
+        ({"gear": 10, "effort_scale": 0.02}, {"encoder": 100}, TURN / 1000, None, 0.02),
         # Micrometres.
         ({"kind": "prismatic"}, {"position_unit": 0xFA010000}, 1e-6, None, math.nan),
     ],
@@ -198,6 +221,106 @@ def test_units_of_a_joint(
     assert units.position == pytest.approx(position)
     assert units.velocity == pytest.approx(position if velocity is None else velocity)
     assert units.effort == pytest.approx(effort, nan_ok=True)
+
+
+TURNS_A_MINUTE = DriveProfile.model_validate(
+    {
+        "velocity": {"one": 1.0, "unit": "turns/min"},
+        "measured_velocity": {"one": 0.1, "unit": "turns/min"},
+        "acceleration": {"one": 0.1, "unit": "turns/min/s"},
+    }
+)
+COUNTS_OF_ITS_OWN = DriveProfile.model_validate(
+    {"acceleration": {"one": 4.0, "unit": "counts/s^2"}}
+)
+RAMP_TIMES = DriveProfile.model_validate({"ramp_time": 0.001})
+RPM = TURN / 60 / 10
+
+
+@pytest.mark.parametrize(
+    ("keys", "drive", "measured", "acceleration", "ramp_time"),
+    [
+        # Nobody tells: velocity units a second.
+        ({}, {}, None, TURN / 10_000, None),
+        # 60AAh: increments; degrees; turns a minute a second, as maxon writes it; a second alone.
+        ({}, {"acceleration_unit": 0xFEB55700}, None, 0.01 * TURN / 10_000, None),
+        ({}, {"acceleration_unit": 0x00415700}, None, math.radians(1) / 10, None),
+        ({}, {"acceleration_unit": 0x00C00300}, None, RPM, None),
+        ({}, {"acceleration_unit": 0x00B40300}, None, TURN / 10, None),
+        # 60AAh also where velocities are given: it was never read.
+        ({"velocity_scale": 1.0}, {"acceleration_unit": 0x00B55700}, None, TURN / 10_000, None),
+        # Velocities given, accelerations told by nobody: not known.
+        ({"velocity_scale": 1.0}, {}, None, math.nan, None),
+        # The make.
+        ({}, {"make": TURNS_A_MINUTE}, 0.1 * RPM, 0.1 * RPM, None),
+        ({"velocity_scale": 1.0}, {"make": COUNTS_OF_ITS_OWN}, None, 4 * TURN / 10_000, None),
+        ({}, {"make": RAMP_TIMES}, None, math.nan, 0.001),
+        # What the drive reports comes before its make, and the keys before both.
+        (
+            {},
+            {"make": RAMP_TIMES, "acceleration_unit": 0x00B55700},
+            None,
+            TURN / 10_000,
+            None,
+        ),
+        (
+            {"acceleration_scale": 3.0, "measured_velocity_scale": 2.0},
+            {"make": TURNS_A_MINUTE, "acceleration_unit": 0x00B55700},
+            2.0,
+            3.0,
+            None,
+        ),
+        ({"ramp_time_scale": 0.01}, {"make": TURNS_A_MINUTE}, 0.1 * RPM, math.nan, 0.01),
+    ],
+)
+def test_units_of_accelerations_and_measured_velocities(
+    keys: dict[str, Any],
+    drive: dict[str, Any],
+    measured: float | None,
+    acceleration: float,
+    ramp_time: float | None,
+) -> None:
+    units = resolve("elbow", joint(**{"gear": 10, **keys}), UnitObjects(encoder=1000, **drive))
+    assert units.acceleration == pytest.approx(acceleration, nan_ok=True)
+    assert units.ramp_time == ramp_time
+    assert units.measured_velocity == (None if measured is None else pytest.approx(measured))
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        {"position_unit": 0x00AC0000},  # steps
+        {"position_unit": 0x00010000},  # metres, of a joint that turns
+        {"position_unit": 0x00C10000},  # inches, likewise
+        {"velocity_unit": 0x00B40000},  # turns, for no time
+        {"velocity_unit": 0x00200300},  # hertz
+        {"velocity_unit": 0x00010300},  # metres
+        {"acceleration_unit": 0x00B50000},
+        {"acceleration_unit": 0x00C10300},
+    ],
+)
+def test_units_that_are_not_understood_are_never_passed_over(drive: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=r"60A[89A]h is 0x00.* Give `"):
+        resolve("elbow", joint(), UnitObjects(encoder=1000, **drive))
+
+
+def test_one_increment_a_turn_is_not_taken_for_one() -> None:
+    with pytest.raises(ConfigError, match="reports 1 count for a turn of the motor"):
+        resolve("elbow", joint(), UnitObjects(encoder=1))
+    assert resolve("elbow", joint(counts_per_turn=2), UnitObjects(encoder=1)).position
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"acceleration_scale": 1.0, "ramp_time_scale": 1.0},
+        {"effort_scale": 1.0, "rated_torque": 1.0},
+        {"scale": 1.0, "counts_per_turn": 1.0},
+    ],
+)
+def test_a_unit_is_given_once(keys: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="not both"):
+        joint(**keys)
 
 
 @pytest.mark.parametrize(

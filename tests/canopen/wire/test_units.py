@@ -15,7 +15,7 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.session import Session
 from crtk_sim_backends.process import RunningSim
-from rigs.canopen_arm import arm_of, drives, patient_arm_on
+from rigs.canopen_arm import arm_of, device_of, drives, patient_arm_on, start_anew
 from rigs.waiting import LONG, eventually
 
 GEAR = 100.0
@@ -245,3 +245,83 @@ def test_a_parameter_that_would_be_overwritten_is_refused(entry: str) -> None:
 def test_a_parameter_that_is_not_written_is_taken() -> None:
     joint = {**_limits(), **JOINT, "node": 1, "modes": ("csp",), "parameters": {"6083": 7}}
     PLUGIN.load_config({"joints": {"a": joint}}, {})
+
+
+# ------------------------------------------------------------------- units that are told, or are not
+
+
+def test_measured_velocities_in_another_unit_are_found_in_motion(sim: RunningSim) -> None:
+    """606Ch in 0.1 rpm for 60FFh in rpm: ten times too fast, until the key is given."""
+    rpm = TURN / 60.0 / GEAR
+    keys = {"profile": "none", "modes": ("pv",), "velocity_scale": rpm, "acceleration": 5.0}
+    keys["ramp_time_scale"] = 1e-3
+    for measured, factor in ((None, 10.0), (0.1 * rpm, 1.0)):
+        joint = {**_limits(), **joint_of("zlac8015d", **keys), "measured_velocity_scale": measured}
+        with arm_of(patient_arm_on(sim, 0, joints={"a": joint})) as arm:
+            arm.enable(LONG)
+            device = device_of(arm)
+
+            def judged(arm: LocalDevice = arm, device: Any = device) -> bool:
+                arm.servo_jv([0.5])
+                return bool(device._checks[0].judged)
+
+            eventually(judged, "it has moved enough")
+            assert device._checks[0].ratio == pytest.approx(factor, rel=0.2)
+            notes = " ".join(note.text for note in arm.health().notes)
+            assert ("`measured_velocity_scale`" in notes) == (factor != 1.0)
+
+
+@pytest.fixture(scope="module")
+def plain() -> Iterator[RunningSim]:
+    with drives(1) as sim:
+        yield sim
+
+
+ANGLES = {0x00400000: 400.0, 0xFE400000: 40_000.0, 0xFD410000: 360_000.0, 0xFD100000: 1000.0 * TURN}
+"""60A8h: gradians and hundredths of them, thousandths of degrees and radians; how many for a turn."""
+
+
+@pytest.mark.parametrize("word", [0xFE400000, 0xFD410000])
+def test_angles_that_positions_count_in_are_understood(plain: RunningSim, word: int) -> None:
+    start_anew(plain)
+    plain.control.call("object", node=1, index=0x60A8, value=word)
+    joint = {**_limits(), "node": 1, "velocity": 1.0, "acceleration": 5.0, "gear": GEAR}
+    joint["parameters"] = {"6065": 2**31 - 1}  # its window is in these units too
+    with arm_of(patient_arm_on(plain, 0, joints={"a": joint})) as arm:
+        arm.enable(LONG)
+        start = _turned(plain, 1)
+        arm.move_jr([0.5]).wait(LONG)
+        eventually(
+            lambda: abs(_turned(plain, 1) - start - 0.5) < 5e-3, "the motor has turned so far"
+        )
+        unit = abs(device_of(arm).link.axes[0].facts.units.position)
+        assert unit == pytest.approx(TURN / ANGLES[word] / GEAR)
+
+
+@pytest.mark.parametrize(
+    ("index", "word", "words"),
+    [
+        (0x60A8, 0x00AC0000, ("60A8h is 0x00AC0000", "Give `scale`")),
+        (0x60A8, 0xFDC10000, ("60A8h is 0xFDC10000", "Give `scale`")),
+        (0x60A9, 0x00B44B00, ("60A9h is 0x00B44B00", "Give `velocity_scale`")),
+        (0x60A9, 0x00010300, ("60A9h is 0x00010300", "Give `velocity_scale`")),
+        (0x60AA, 0x00B54B00, ("60AAh is 0x00B54B00", "Give `acceleration_scale`")),
+    ],
+)
+def test_units_that_are_not_understood_are_refused(
+    plain: RunningSim, index: int, word: int, words: tuple[str, ...]
+) -> None:
+    start_anew(plain)
+    plain.control.call("object", node=1, index=index, value=word)
+    joint = {"node": 1, "velocity": 1.0, "gear": GEAR}
+    with not_connected(plain, *words, **joint):
+        pass
+
+
+def test_one_count_a_turn_is_a_default_and_refused(plain: RunningSim) -> None:
+    start_anew(plain)
+    plain.control.call("object", node=1, index=0x608F, sub=1, value=1)
+    plain.control.call("object", node=1, index=0x6092, sub=1, value=1)
+    joint = {"node": 1, "velocity": 1.0, "gear": GEAR}
+    with not_connected(plain, "1 count for a turn", "Give `counts_per_turn`", **joint):
+        pass
