@@ -283,6 +283,8 @@ def _uses(config: CanopenConfig, joint: JointConfig) -> set[Quantity]:
     used = {Quantity.ACCELERATION} if ramps or (homing and homing.acceleration) else set()
     if ramps or Way.VELOCITIES in joint.ways or "velocity" in config.feedback:
         used.add(Quantity.VELOCITY)
+    if Way.EFFORTS in joint.ways:
+        used.add(Quantity.EFFORT)
     return used
 
 
@@ -290,12 +292,10 @@ def _note_assumed(
     config: CanopenConfig, joint: JointConfig, units: JointUnits, notes: list[str]
 ) -> None:
     """Note each unit that is used and that nobody tells."""
-    for quantity in sorted(units.assumed.keys() & _uses(config, joint)):
-        source = UNITS[quantity]
-        notes.append(
-            f"nobody tells the unit of {quantity} ({source.objects}): it has no {source.reported}, and is "
-            f"taken for {units.assumed[quantity]}; look into its manual, and give {keys_text(quantity)}"
-        )
+    notes += [
+        f"{units.assumed[quantity]}; look into its manual, and give {keys_text(quantity)}"
+        for quantity in sorted(units.assumed.keys() & _uses(config, joint))
+    ]
 
 
 def _acceleration_needed(name: str) -> ConfigError:

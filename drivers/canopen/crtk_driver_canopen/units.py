@@ -1,9 +1,7 @@
 """Between what drives count in and SI, for one joint and for a whole arm.
 
-A drive counts positions in increments or in units of its own, velocities in those per second or in what
-its unit object (60A9) says, and torques in thousandths of the rated torque (6076). Where each unit comes
-from is a table, `crtk_driver_canopen.unit_table`: what is not configured is read from the drive (60A8, 60A9,
-60AA, 608F, 6091, 6092, 6076) or known of its make. A unit that is not understood is refused, never guessed.
+Where each unit comes from is a table, `crtk_driver_canopen.unit_table`. A unit that is not understood is
+refused, never guessed.
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +17,8 @@ from typing_extensions import override
 
 from crtk_driver_canopen.drive_profile import PLAIN, DriveProfile
 from crtk_driver_canopen.objects import OBJECTS
-from crtk_driver_canopen.rate_units import MakeRate, Transmission
+from crtk_driver_canopen.rate_units import RATES, MakeRate, Transmission
+from crtk_driver_canopen.scale_keys import JointRange, JointScale
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.unit_codes import (
     ANGLES,
@@ -114,39 +113,6 @@ def read_unit_objects(sdo: Sdo, profile: DriveProfile = PLAIN) -> UnitObjects:
     )
 
 
-class JointScale(Protocol):
-    """What the configuration of a joint says of its units; see `crtk_driver_canopen.joint_scales`."""
-
-    @property
-    def kind(self) -> str: ...  # noqa: D102
-    @property
-    def scale(self) -> float | None: ...  # noqa: D102
-    @property
-    def velocity_scale(self) -> float | None: ...  # noqa: D102
-    @property
-    def measured_velocity_scale(self) -> float | None: ...  # noqa: D102
-    @property
-    def acceleration_scale(self) -> float | None: ...  # noqa: D102
-    @property
-    def ramp_time_scale(self) -> float | None: ...  # noqa: D102
-    @property
-    def counts_per_turn(self) -> float | None: ...  # noqa: D102
-    @property
-    def gear(self) -> float | None: ...  # noqa: D102
-    @property
-    def feed(self) -> float | None: ...  # noqa: D102
-    @property
-    def sign(self) -> int: ...  # noqa: D102
-    @property
-    def offset(self) -> float: ...  # noqa: D102
-    @property
-    def rated_torque(self) -> float | None: ...  # noqa: D102
-    @property
-    def effort_scale(self) -> float | None: ...  # noqa: D102
-    @property
-    def measured_effort_scale(self) -> float | None: ...  # noqa: D102
-
-
 @dataclass(frozen=True)
 class JointUnits:
     """Units of one joint, with its sign in them.
@@ -161,7 +127,7 @@ class JointUnits:
             velocity unit a second.
         ramp_time: s for one unit of these objects where they are times; None: they are none.
         measured_effort: N·m (N) for one unit of 6077; None: that of `effort`.
-        assumed: what was taken for which unit because nobody tells it, in words.
+        assumed: why a unit is not sure, because nobody tells it, in words.
     """
 
     position: float
@@ -209,13 +175,18 @@ def resolve(name: str, joint: JointScale, drive: UnitObjects) -> JointUnits:
         name, Quantity.VELOCITY, way, joint.velocity_scale, drive.velocity_unit, make.velocity
     )
     if commanded is None:
-        assumed[Quantity.VELOCITY] = "position units a second"
+        assumed[Quantity.VELOCITY] = _nobody(Quantity.VELOCITY, "position units a second")
         commanded = position
     measured = joint.measured_velocity_scale
     if measured is None and make.measured_velocity is not None:
         measured = way.of_make(make.measured_velocity)
     acceleration, ramp_time = _acceleration(name, joint, way, drive, commanded, assumed)
     effort = _effort(joint, drive, gear)
+    if joint.scale is not None and joint.gear is None and drive.gear is None:
+        if joint.velocity_scale is None and _counts_turns(drive, of_shaft=of_shaft):
+            assumed[Quantity.VELOCITY] = _GEARLESS.format(Quantity.VELOCITY)
+        if joint.effort_scale is None:
+            assumed[Quantity.EFFORT] = _GEARLESS.format(Quantity.EFFORT)
     sign = joint.sign
     return JointUnits(
         sign * position,
@@ -227,6 +198,27 @@ def resolve(name: str, joint: JointScale, drive: UnitObjects) -> JointUnits:
         ramp_time,
         None if joint.measured_effort_scale is None else sign * joint.measured_effort_scale,
         assumed,
+    )
+
+
+_GEARLESS: Final = (
+    "`scale` is given, and nobody tells the gear: its {} is taken as of a motor without one"
+)
+
+
+def _counts_turns(drive: UnitObjects, *, of_shaft: bool) -> bool:
+    """Whether velocities are turns of the motor, so that they depend on the gear."""
+    if drive.velocity_unit:
+        rate = velocity_of(drive.velocity_unit)
+        return rate is not None and rate.numerator in ANGLES and not of_shaft
+    return drive.make.velocity is not None and RATES[drive.make.velocity.unit][0]
+
+
+def _nobody(quantity: Quantity, what: str) -> str:
+    source = UNITS[quantity]
+    return (
+        f"nobody tells the unit of {quantity} ({source.objects}): it has no {source.reported}, and is taken "
+        f"for {what}"
     )
 
 
@@ -253,7 +245,7 @@ def _acceleration(
         return found, None
     if joint.velocity_scale is not None:
         return math.nan, None  # whoever has to give the one has to give the other
-    assumed[Quantity.ACCELERATION] = "velocity units a second"
+    assumed[Quantity.ACCELERATION] = _nobody(Quantity.ACCELERATION, "velocity units a second")
     return velocity, None
 
 
@@ -352,19 +344,6 @@ def _motor_counts(drive: UnitObjects) -> float | None:
     if drive.feed is not None and drive.feed > _DEFAULT:
         return drive.feed / (drive.gear or 1.0)
     return drive.encoder if drive.encoder is not None and drive.encoder > _DEFAULT else None
-
-
-class JointRange(JointScale, Protocol):
-    """What the configuration of a joint says of what it is sent."""
-
-    @property
-    def lower(self) -> float: ...  # noqa: D102
-    @property
-    def upper(self) -> float: ...  # noqa: D102
-    @property
-    def velocity(self) -> float: ...  # noqa: D102
-    @property
-    def effort(self) -> float: ...  # noqa: D102
 
 
 def check_wire(name: str, joint: JointRange, units: JointUnits) -> None:

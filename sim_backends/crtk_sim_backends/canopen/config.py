@@ -16,7 +16,7 @@ from crtk_sim_backends.canopen.defects import AxisDefects
 from crtk_sim_backends.canopen.drive import DriveConfig
 from crtk_sim_backends.canopen.fitting import like
 from crtk_sim_backends.canopen.objects import MODES, MOST_AXES, MOST_PDOS, PDOS
-from crtk_sim_backends.canopen.personality import PERSONALITIES
+from crtk_sim_backends.canopen.personality import PERSONALITIES, TORQUE_UNITS
 from crtk_sim_backends.canopen.plant import MotorConfig
 from crtk_sim_backends.defects import defects_of, read_defects
 from crtk_sim_backends.faults import FaultError, Parameter, unknown
@@ -109,7 +109,10 @@ def _like(config: DriveConfig, path: str, *, own_motors: bool) -> DriveConfig:
     if own_motors and len(config.motors) != axes:
         raise ConfigError(f"{path} has {axes} axes, and there are {len(config.motors)} motors")
     motors = config.motors if own_motors else (MotorConfig(),) * axes
-    return replace(config, motors=motors, like=found)
+    make = config.personality
+    if found.sheet.vendor in TORQUE_UNITS and (0x6076, 0) in found.sheet.given:
+        make = replace(make, torque_unit=TORQUE_UNITS[found.sheet.vendor])
+    return replace(config, motors=motors, like=found, personality=make)
 
 
 def _modes(where: str, names: Iterable[object]) -> frozenset[int]:

@@ -134,3 +134,6 @@ PERSONALITIES: Final[dict[str, Personality]] = {
         ),
     )
 }
+
+TORQUE_UNITS: Final = {epos4.VENDOR: 1e-6}
+"""N·m for one unit of 6076 in the files of a maker, by vendor-ID, where it is not mN·m."""

@@ -63,6 +63,13 @@ class Sheet:
     identity: tuple[int, int, int]
     notes: tuple[str, ...] = ()
 
+    @property
+    def vendor(self) -> int:
+        """Vendor-ID of 1018, else of [DeviceInfo]; 0 where it says none."""
+        identity = self.objects.get(0x1018)
+        told = identity.entries[1].default if identity is not None and 1 in identity.entries else 0
+        return told if isinstance(told, int) and told else self.identity[0]
+
 
 def read_sheet(path: str) -> Sheet:
     """Read the EDS of a drive.

@@ -180,3 +180,29 @@ def test_what_is_wrong_with_a_file_that_can_be_used_is_noted(tmp_path):
     drive = Bench(like=like(path))
     assert drive.drive.config.like.notes == (f"{path}: [6065] DefaultValue=many is left out",)
     assert drive.read(0x6065) == 2000  # a turn of the motor, as the machine has it
+
+
+def test_positions_count_in_the_angle_of_60a8(tmp_path):
+    degrees = Bench(
+        like=like(changed(tmp_path, "DefaultValue=0x00B50000", "DefaultValue=0xFE410000"))
+    )
+    assert degrees.axis.units.per_revolution == pytest.approx(36_000.0)
+    assert degrees.axis.units.velocity == pytest.approx(60.0 / 36_000.0)  # rpm
+
+
+def test_accelerations_count_as_60aa_says(tmp_path):
+    rpm = bench("rpm_servo.eds").axis.units
+    assert rpm.acceleration == rpm.velocity == pytest.approx(60.0 / 2000.0)
+    counts = like(changed(tmp_path, "DefaultValue=0x00C00300", "DefaultValue=0x00B55700"))
+    assert Bench(like=counts).axis.units.acceleration == 1.0
+    assert Bench(like=like(without(tmp_path, "60AA"))).axis.units.acceleration == pytest.approx(
+        0.03
+    )
+
+
+def test_a_maxon_counts_its_rated_torque_in_millionths(tmp_path):
+    path = changed(tmp_path, "DefaultValue=0x1F11", "DefaultValue=0xFB")
+    (drive,) = drive_configs(SimConfig(nodes=1, from_eds=path)).values()
+    assert drive.personality.torque_unit == 1e-6
+    (other,) = drive_configs(SimConfig(nodes=1, from_eds=str(SHEETS / "rpm_servo.eds"))).values()
+    assert other.personality.torque_unit == 1e-3

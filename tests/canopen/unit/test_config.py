@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from crtk_driver_canopen.layout import plan
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import parse_object
 from crtk_driver_canopen.pdo import Direction
+from crtk_driver_canopen.unit_table import UNITS
 from crtk_driver_canopen.units import (
     GroupUnits,
     JointUnits,
@@ -304,6 +306,16 @@ def test_units_that_are_not_understood_are_never_passed_over(drive: dict[str, An
         resolve("elbow", joint(), UnitObjects(encoder=1000, **drive))
 
 
+def test_a_gear_that_nobody_tells_is_said() -> None:
+    """Turns of the motor and its torque say nothing of a joint behind a gear."""
+    keys = {"scale": 1e-5}
+    rpm = UnitObjects(encoder=1000, velocity_unit=0x00B44700)
+    assert resolve("a", joint(**keys), rpm).assumed.keys() == {"acceleration", "velocity", "torque"}
+    counts = UnitObjects(encoder=1000, velocity_unit=0x00B50300, acceleration_unit=0x00B55700)
+    assert resolve("a", joint(**keys), counts).assumed.keys() == {"torque"}
+    assert not resolve("a", joint(**keys, gear=50), counts).assumed
+
+
 def test_one_increment_a_turn_is_not_taken_for_one() -> None:
     with pytest.raises(ConfigError, match="reports 1 count for a turn of the motor"):
         resolve("elbow", joint(), UnitObjects(encoder=1))
@@ -490,3 +502,15 @@ def test_a_cycle_that_does_not_fit_is_refused() -> None:
         plan(arm(6, period=0.002))
     assert plan(arm(6, period=0.002, feedback=[])).load.most < 0.8
     assert plan(arm(6)).load.most < 0.65
+
+
+def test_the_page_has_the_table_of_units() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "canopen.md").read_text()
+    for quantity, source in UNITS.items():
+        keys, profile = (
+            ", ".join(f"`{key}`" for key in each) for each in (source.keys, source.profile)
+        )
+        cells = (quantity, source.objects, keys, source.reported, profile, source.otherwise)
+        assert f"| {' | '.join(cells)} |" in page
+        assert set(source.keys) <= set(JointConfig.model_fields)
+        assert set(source.profile) <= set(DriveProfile.model_fields)

@@ -123,7 +123,9 @@ def test_a_wrong_profile_is_refused_with_file_and_line(
 
 
 def test_a_name_that_is_none_is_refused_before_anything_is_opened() -> None:
-    with pytest.raises(ConfigError, match=r"no drive profile 'epos5', but auto, none, ax2000, epos4, kinco"):
+    with pytest.raises(
+        ConfigError, match=r"no drive profile 'epos5', but auto, none, ax2000, epos4, kinco"
+    ):
         load(JointConfig, from_values({**JOINT, "profile": "epos5"}))
     assert load(JointConfig, from_values({**JOINT, "profile": "epos4"})).profile == "epos4"
     assert named("none") is PLAIN
