@@ -292,16 +292,20 @@ def _note_assumed(
     config: CanopenConfig, joint: JointConfig, units: JointUnits, notes: list[str]
 ) -> None:
     """Note each unit that is used and that nobody tells."""
+    used = _uses(config, joint)
+    if math.isnan(units.acceleration_step):
+        used.discard(Quantity.ACCELERATION)  # that is refused
     notes += [
         f"{units.assumed[quantity]}; look into its manual, and give {keys_text(quantity)}"
-        for quantity in sorted(units.assumed.keys() & _uses(config, joint))
+        for quantity in sorted(units.assumed.keys() & used)
     ]
 
 
-def _acceleration_needed(name: str) -> ConfigError:
+def _acceleration_needed(name: str, units: JointUnits) -> ConfigError:
     source = UNITS[Quantity.ACCELERATION]
     return ConfigError(
-        f"velocities have a unit of their own (`velocity_scale`), and nobody tells that of accelerations "
+        units.assumed.get(Quantity.ACCELERATION)
+        or f"velocities have a unit of their own (`velocity_scale`), and nobody tells that of accelerations "
         f"({source.objects}): the drive has no {source.reported}",
         where=f"joints.{name}",
         remedy=f"Give {keys_text(Quantity.ACCELERATION)}, by the drive's manual.",
@@ -315,7 +319,7 @@ def _profile(
     if not moves and OpMode.PV not in joint.op_modes:
         return
     if units.ramp_time is None and math.isnan(units.acceleration_step):
-        raise _acceleration_needed(name)
+        raise _acceleration_needed(name, units)
     rates = ProfileRates.in_units(joint.velocity, joint.acceleration, units)
     wanted = {
         "profile_velocity": rates.velocity,
@@ -364,7 +368,7 @@ def _homing_ramp(name: str, homing: HomingConfig, units: JointUnits) -> int:
     assert homing.acceleration is not None
     if units.ramp_time is None:
         if math.isnan(units.acceleration_step):
-            raise _acceleration_needed(name)
+            raise _acceleration_needed(name, units)
         return max(1, round(homing.acceleration / units.acceleration_step))
     if homing.speed_switch is None:
         raise ConfigError(

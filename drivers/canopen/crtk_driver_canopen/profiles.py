@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -62,8 +63,14 @@ class ProfileRates(NamedTuple):
 
     @classmethod
     def in_units(cls, velocity: float, acceleration: float, units: JointUnits) -> ProfileRates:
-        """Return rates in the units of a joint, which must be known; see `of`."""
-        return cls.of(velocity, acceleration, units.velocity, units.acceleration, units.ramp_time)
+        """Return rates in the units of a joint; see `of`.
+
+        An acceleration whose unit nobody tells is 0: such a drive makes no ramps, and is not given it.
+        """
+        rates = partial(cls.of, velocity, unit=units.velocity, ramp_time=units.ramp_time)
+        if units.ramp_time is None and math.isnan(units.acceleration_step):
+            return cls(rates(acceleration, acceleration_unit=1.0).velocity, 0)
+        return rates(acceleration, acceleration_unit=units.acceleration)
 
     def write(self, sdo: Sdo, before: ProfileRates | None) -> None:
         """Write them into a drive.

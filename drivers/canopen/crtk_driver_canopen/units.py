@@ -60,8 +60,9 @@ class UnitObjects:
 
     @override
     def __str__(self) -> str:
-        known = {each.name: getattr(self, each.name) for each in fields(self)}
-        known.pop("make")
+        known = {
+            each.name: getattr(self, each.name) for each in fields(self) if each.name != "make"
+        }
         return ", ".join(
             f"{name.replace('_', ' ')} {value:#x}" if "unit" in name else f"{name} {value:g}"
             for name, value in known.items()
@@ -106,7 +107,7 @@ def read_unit_objects(sdo: Sdo, profile: DriveProfile = PLAIN) -> UnitObjects:
         gear=ratio("gear_motor_revolutions", "gear_shaft_revolutions"),
         feed=ratio("feed", "feed_shaft_revolutions"),
         position_unit=sdo.find(OBJECTS["si_unit_position"]),
-        velocity_unit=profile.velocity_unit if velocity_unit is None else velocity_unit,
+        velocity_unit=velocity_unit or profile.velocity_unit,
         acceleration_unit=sdo.find(OBJECTS["si_unit_acceleration"]),
         rated_torque=rated_torque(),
         make=profile,
@@ -201,9 +202,7 @@ def resolve(name: str, joint: JointScale, drive: UnitObjects) -> JointUnits:
     )
 
 
-_GEARLESS: Final = (
-    "`scale` is given, and nobody tells the gear: its {} is taken as of a motor without one"
-)
+_GEARLESS: Final = "`scale` is given, and nobody tells the gear: its {} is taken as without one"
 
 
 def _counts_turns(drive: UnitObjects, *, of_shaft: bool) -> bool:
@@ -231,16 +230,18 @@ def _acceleration(
     assumed: dict[Quantity, str],
 ) -> tuple[float, float | None]:
     """Return rad/s² (m/s²) for one unit of acceleration, NaN if not known, and s where units are times."""
-    make = drive.make
-    given = joint.acceleration_scale
-    ramp_time = joint.ramp_time_scale
-    if given is None and ramp_time is None and drive.acceleration_unit is None:
+    given, ramp_time, make = joint.acceleration_scale, joint.ramp_time_scale, drive.make
+    if given is None and ramp_time is None and not drive.acceleration_unit:
         ramp_time = make.ramp_time
     if ramp_time is not None:
         return math.nan, ramp_time
-    found = _rate(
-        name, Quantity.ACCELERATION, way, given, drive.acceleration_unit, make.acceleration
-    )
+    try:
+        found = _rate(
+            name, Quantity.ACCELERATION, way, given, drive.acceleration_unit, make.acceleration
+        )
+    except ConfigError as error:  # refused where ramps are written: most joints need none
+        assumed[Quantity.ACCELERATION] = error.message
+        return math.nan, None
     if found is not None:
         return found, None
     if joint.velocity_scale is not None:
@@ -278,8 +279,8 @@ def _not_understood(name: str, quantity: Quantity, word: int) -> ConfigError:
     source, unit = UNITS[quantity], unit_of(word)
     return ConfigError(
         f"the drive reports a unit of {quantity} that is not understood, or does not fit the joint: "
-        f"{source.reported.partition(',')[0]} is 0x{word:08X} ({unit.factor:g} times {unit.numerator:02X}h"
-        + (f", for {unit.denominator:02X}h)" if unit.denominator else ")"),
+        f"{source.reported.partition(',')[0]} is 0x{word:08X} ({unit.factor:g} times {unit.numerator:02X}h, "
+        f"for {unit.denominator:02X}h)",
         where=f"joints.{name}",
         remedy=f"Give {keys_text(quantity)}: what the drive's manual says of {source.objects}.",
     )

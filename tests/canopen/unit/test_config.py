@@ -17,7 +17,7 @@ from crtk_driver_canopen.layout import plan
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import parse_object
 from crtk_driver_canopen.pdo import Direction
-from crtk_driver_canopen.unit_table import UNITS
+from crtk_driver_canopen.unit_table import UNITS, Quantity
 from crtk_driver_canopen.units import (
     GroupUnits,
     JointUnits,
@@ -297,13 +297,19 @@ def test_units_of_accelerations_and_measured_velocities(
         {"velocity_unit": 0x00B40000},  # turns, for no time
         {"velocity_unit": 0x00200300},  # hertz
         {"velocity_unit": 0x00010300},  # metres
-        {"acceleration_unit": 0x00B50000},
-        {"acceleration_unit": 0x00C10300},
     ],
 )
 def test_units_that_are_not_understood_are_never_passed_over(drive: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=r"60A[89A]h is 0x00.* Give `"):
         resolve("elbow", joint(), UnitObjects(encoder=1000, **drive))
+
+
+@pytest.mark.parametrize("word", [0x00B50000, 0x00C10300, 0x00AC5700])
+def test_an_acceleration_that_is_not_understood_has_no_unit(word: int) -> None:
+    """It is refused where ramps are written; a joint that needs none is not."""
+    units = resolve("elbow", joint(), UnitObjects(encoder=1000, acceleration_unit=word))
+    assert math.isnan(units.acceleration_step)
+    assert f"60AAh is 0x{word:08X}" in units.assumed[Quantity.ACCELERATION]
 
 
 def test_a_gear_that_nobody_tells_is_said() -> None:

@@ -234,6 +234,16 @@ def test_units_that_nobody_tells_are_noted() -> None:
             assert "give `velocity_scale`" in notes
 
 
+def test_cyclic_modes_need_no_unit_of_accelerations(sim: RunningSim) -> None:
+    """Velocities have one by the key, and no ramp is written."""
+    joint = {**_limits(), **joint_of("roboteq", profile="none", modes=("csp", "csv"))}
+    joint["velocity_scale"] = TURN / 60.0 / GEAR
+    with arm_of(patient_arm_on(sim, 0, joints={"a": joint})) as arm:
+        arm.enable(LONG)
+        arm.move_jr([0.1]).wait(LONG)
+        arm.servo_jv([0.1])
+
+
 @pytest.mark.parametrize("entry", ["6083", "6084", "6081", "profile_acceleration"])
 def test_a_parameter_that_would_be_overwritten_is_refused(entry: str) -> None:
     joint = {**_limits(), **JOINT, "node": 1, "parameters": {entry: 7}}
@@ -313,9 +323,17 @@ def test_units_that_are_not_understood_are_refused(
 ) -> None:
     start_anew(plain)
     plain.control.call("object", node=1, index=index, value=word)
-    joint = {"node": 1, "velocity": 1.0, "gear": GEAR}
+    joint = {"node": 1, "velocity": 1.0, "gear": GEAR, "modes": ("pv",)}
     with not_connected(plain, *words, **joint):
         pass
+
+
+def test_an_acceleration_that_is_not_needed_needs_no_unit(plain: RunningSim) -> None:
+    start_anew(plain)
+    plain.control.call("object", node=1, index=0x60AA, value=0x00B54B00)
+    joint = {**_limits(), "node": 1, "velocity": 1.0, "gear": GEAR}
+    with arm_of(patient_arm_on(plain, 0, joints={"a": joint})) as arm:
+        arm.enable(LONG)
 
 
 def test_one_count_a_turn_is_a_default_and_refused(plain: RunningSim) -> None:
