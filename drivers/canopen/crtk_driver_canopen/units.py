@@ -1,7 +1,6 @@
 """Between what drives count in and SI, for one joint and for a whole arm.
 
-Where each unit comes from is a table, `crtk_driver_canopen.unit_table`. A unit that is not understood is
-refused, never guessed.
+Where each unit comes from is a table, `crtk_driver_canopen.unit_table`; none is guessed.
 """
 
 from __future__ import annotations
