@@ -56,7 +56,14 @@ class Device(ABC):
     def abort_open(self) -> None:  # noqa: B027 - most devices open in no time
         """End an `open` that waits, at once, and let later ones fail: everything is being shut down.
 
-        Override it where `open` may wait for longer than a second.
+        Override it where `open` may wait for longer than a second. The core calls it from another thread
+        while the device is not open; an open one is told just before its last `close`.
+        """
+
+    def will_close(self) -> None:  # noqa: B027 - most hardware is left in one way only
+        """Note that the driver ends: the last `stop` and `close` follow. From any thread; waits for nothing.
+
+        Override it where they differ then from those after a lost link. The link is still to be used.
         """
 
     def wake(self) -> bool:

@@ -84,6 +84,7 @@ class Engine(Intake):
         self._overdue = ""
         self._broken_sample = ""
         self._loss = ""
+        self._is_closing = False
         self._sample_deadman = Deadman(self.options.sample_timeout)
         self._listened = 0.0
         self._sampled = 0.0
@@ -99,13 +100,14 @@ class Engine(Intake):
         After a loss the reason of DISABLED names it: FAULT, which named it before, may be over in a second.
 
         Raises:
-            ConnectionFailed: the state is FAULT with the reason.
+            ConnectionFailed: the state is FAULT with the reason, unless it was given up to be closed.
         """
         try:
             self.device.open(deadline)
         except DeviceError as error:
             self._requests.end(error)
-            self._board.update(OperatingState.FAULT, error.statement, remedy=error.remedy)
+            if not self._is_closing:
+                self._board.update(OperatingState.FAULT, error.statement, remedy=error.remedy)
             self._turns.turn()
             raise
         self._requests.begin()
@@ -219,7 +221,8 @@ class Engine(Intake):
         self._requests.break_off(told)
         gone = ConnectionLost(told, where=self.where, remedy=remedy)
         try:
-            self._leave(OperatingState.FAULT, reason, remedy)
+            if was_connected or not self._is_closing:  # else its opening was given up
+                self._leave(OperatingState.FAULT, reason, remedy)
             self._heed_alarm()  # whose stop nobody has read back
         except DeviceError as error:
             told = without_name(str(error), self.where)
@@ -227,6 +230,16 @@ class Engine(Intake):
         finally:
             self._requests.end(gone)
             self._turns.turn()
+
+    def begin_closing(self) -> None:
+        """End an `open` that waits: `stop_for_good` and `shut_down` follow. From any thread.
+
+        A link that is open stays usable: a stop is still to be sent over it and read back.
+        """
+        self._is_closing = True
+        self.device.will_close()
+        if not self._connected:
+            self.device.abort_open()
 
     def stop_for_good(self) -> None:
         """Stop, without waiting, where something moves or may: `shut_down` follows.
@@ -241,6 +254,8 @@ class Engine(Intake):
 
     def shut_down(self, alive: Callable[[float], object] = lambda until: None) -> None:
         """Stop, wait until that is read back, leave the hardware as it is configured to be left, and close.
+
+        Ends in DISABLED if nothing moves any more, else in FAULT: the last state stays latched on ROS.
 
         Args:
             alive: is called with the monotonic seconds now, again and again while it waits, for the watchdog;
@@ -261,12 +276,17 @@ class Engine(Intake):
                 overdue = self._await_stop(alive)
             else:
                 overdue = self.unseen
+                if not overdue:
+                    self._board.update(OperatingState.DISABLED, "shut down")
+            if overdue:
+                self._board.update(OperatingState.FAULT, overdue, remedy=LOOK_AT_IT)
         finally:
             self._connected = False
             self._loss = ""
             self._health.connected = False
             self._requests.end(ConnectionLost("shut down", where=self.where))
             alive(math.inf)
+            self.device.abort_open()  # nothing that waits delays the end
             self.device.close()
         if overdue:
             raise StopUnconfirmed(

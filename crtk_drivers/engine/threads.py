@@ -107,7 +107,7 @@ class BusThread:
         """Ask the thread to shut its devices down and to end."""
         self._stopping.set()
         for engine in self.engines:
-            engine.device.abort_open()
+            engine.begin_closing()
 
     @property
     def failures(self) -> list[DeviceError]:

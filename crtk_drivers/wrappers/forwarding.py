@@ -149,6 +149,10 @@ class WrappedDevice(Device):
         self.inner.abort_open()
 
     @override
+    def will_close(self) -> None:
+        self.inner.will_close()
+
+    @override
     def wake(self) -> bool:
         return self.inner.wake()
 

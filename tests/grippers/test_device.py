@@ -219,7 +219,7 @@ def test_that_it_was_not_let_go_at_the_end_is_told(
         monkeypatch.setattr("crtk_drivers.kit.gripping.gripper_device.FAREWELL", 0.01)
     device = enabled(hand, "release")
     hand.deaf = deaf
-    device.abort_open()
+    device.will_close()
     with caplog.at_level(logging.WARNING):
         device.close()
     assert ("was not opened" in caplog.text) is deaf

@@ -116,7 +116,7 @@ class GripperDevice(Device):
         self._look()
 
     @override
-    def abort_open(self) -> None:
+    def will_close(self) -> None:
         self._closing = True
 
     @override

@@ -174,10 +174,12 @@ def test_closing_waits_for_the_stop_and_says_when_it_did_not_come() -> None:
     rig.engine.shut_down()
     assert not rig.runs
     assert rig.device.calls[-1] == "close"
+    assert rig.engine.status.state is S.DISABLED
     rig = Runaway(heeds=10_000).running()
     with pytest.raises(StopUnconfirmed, match=r"slide at 0\.300"):
         rig.engine.shut_down()
     assert rig.device.calls[-1] == "close"
+    assert rig.engine.status.state is S.FAULT
 
 
 @pytest.mark.parametrize("is_lost", [False, True])

@@ -171,6 +171,6 @@ def test_release_on_close_of_what_cannot_be_opened_further_says_goodbye(peer: Pe
     device.open(soon())
     greeting.join()
     device._is_enabled = device._may_move = True
-    device.abort_open()
+    device.will_close()
     device.close()
     eventually(lambda: peer.commands() == [Command.GOODBYE], "it took its leave")
