@@ -15,6 +15,7 @@ from crtk_sim_backends.ndi import wire
 from crtk_sim_backends.ndi.defects import TrackerDefects
 from crtk_sim_backends.ndi.families import FAMILIES
 from crtk_sim_backends.ndi.motion import MOTIONS
+from crtk_sim_backends.ndi.plugs import sensors_of
 from crtk_sim_backends.ndi.tracker import Tracker
 from rigs.measured_poses import pose
 
@@ -39,7 +40,7 @@ class CarriedMarker(Sensor):
         self._frame = ""
         self._tracker = Tracker(
             FAMILIES["vega"],
-            [PART],
+            sensors_of(PART),
             MOTIONS["still"],
             NOISE,
             0,

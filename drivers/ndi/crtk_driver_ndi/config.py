@@ -80,7 +80,17 @@ class NdiConfig(DeviceConfig):
     """A Polaris or Aurora tracker."""
 
     HEADINGS: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "Tracker": ("transport", "host", "tcp_port", "port", "baud", "family", "replies", "volume"),
+        "Tracker": (
+            "transport",
+            "host",
+            "tcp_port",
+            "port",
+            "baud",
+            "family",
+            "replies",
+            "volume",
+            "track_frequency",
+        ),
         "Tools": ("tools", "reference", "outside", "strays", "frame_id"),
     }
 
@@ -101,6 +111,11 @@ class NdiConfig(DeviceConfig):
     )
     volume: int | None = Field(
         default=None, ge=0, le=15, description="Volume to be selected (VSEL); as it is if null."
+    )
+    track_frequency: Literal[20, 30, 60] | None = Field(
+        default=None,
+        description="Frames that a Polaris takes, in Hz: Param.Tracking.Track Frequency, or IRATE of an "
+        "older one. As it is if null.",
     )
     tools: tuple[ToolConfig, ...] = Field(default=(), description="The tools.")
     reference: str = Field(
@@ -136,3 +151,9 @@ class NdiConfig(DeviceConfig):
     def known_family(self) -> Family:
         """What the configuration says that it is."""
         return FAMILIES.get(self.family, UNKNOWN)
+
+    @property
+    def rate(self) -> float:
+        """Frames a second, as far as the configuration knows."""
+        rate = self.known_family.rate
+        return rate if self.track_frequency is None else min(rate, float(self.track_frequency))

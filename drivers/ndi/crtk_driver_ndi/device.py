@@ -78,7 +78,7 @@ class NdiDevice(Sensor):
         self._capabilities = Capabilities(
             type="tracker",
             measured=("measured_cp_array",),
-            rate=config.known_family.rate,
+            rate=config.rate,
             paced_by_stream=True,
             base_frame=config.frame_id,
             tool_frame=config.frame_id,
@@ -177,7 +177,7 @@ class NdiDevice(Sensor):
             error = (yield from tracker.asking(parsers[kind][0])).error
             if error is None:
                 logger.info("%s: it tracks, and tells frames by %s", self.address, kind)
-                tracker.stream = FrameStream(family.rate, kind, parsers)
+                tracker.stream = FrameStream(family.rate, kind, parsers, prepared.step)
                 return
         raise self._refused("the question for frames", error)
 

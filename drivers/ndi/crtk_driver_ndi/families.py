@@ -10,7 +10,15 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-__all__ = ["FAMILIES", "UNKNOWN", "Family", "family_named"]
+__all__ = [
+    "FAMILIES",
+    "FREQUENCIES",
+    "STEPS",
+    "TRACK_FREQUENCY",
+    "UNKNOWN",
+    "Family",
+    "family_named",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +39,13 @@ class Family:
     replies: tuple[str, ...] = ("BX", "TX")
     error_is_length: bool = True
 
+
+TRACK_FREQUENCY: Final = "Param.Tracking.Track Frequency"
+"""The parameter of newer trackers; IRATE takes the same values on older ones."""
+FREQUENCIES: Final[Mapping[int, int]] = MappingProxyType({20: 0, 30: 1, 60: 2})
+"""Its values by frames a second."""
+STEPS: Final[Mapping[str, int]] = MappingProxyType({"0": 3, "1": 2, "2": 1})
+"""By how much frame numbers rise, by its value: a frame that is not taken is counted all the same."""
 
 _PYRAMID: Final = "a pyramid, z from -0.95 to -2.4 m, or to -3 m"
 _NEWER: Final = ("BX2", "BX", "TX")

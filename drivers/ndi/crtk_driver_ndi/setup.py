@@ -14,13 +14,20 @@ from typing import Final
 
 from typing_extensions import override
 
-from crtk_driver_ndi.config import ToolConfig
-from crtk_driver_ndi.families import UNKNOWN, Family, family_named
+from crtk_driver_ndi.config import NdiConfig, ToolConfig
+from crtk_driver_ndi.families import (
+    FREQUENCIES,
+    STEPS,
+    TRACK_FREQUENCY,
+    UNKNOWN,
+    Family,
+    family_named,
+)
 from crtk_driver_ndi.link import NdiLink, Refused
 from crtk_driver_ndi.rom import TYPES, read_rom
 from crtk_drivers.errors import ConnectionFailed, ProtocolError
 
-__all__ = ["Identity", "PortInfo", "Prepared", "handles_of", "identify", "prepare"]
+__all__ = ["Identity", "PortInfo", "Prepared", "free", "handles_of", "identify", "prepare"]
 
 logger = logging.getLogger(__name__)
 
@@ -80,9 +87,11 @@ class Prepared:
         handles: of the tools, by their place in the configuration; without those that are not plugged in.
         infos: of all handles.
         problems: of handles that nobody asked for, in words.
+        step: by how much frame numbers rise from frame to frame; 0 if it does not say.
     """
 
     identity: Identity
+    step: int = 0
     handles: dict[int, int] = field(default_factory=dict)
     infos: dict[int, PortInfo] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
@@ -106,8 +115,37 @@ def identify(link: NdiLink, deadline: float) -> Identity:
     return Identity(family, lines, revision)
 
 
+def _set_frequency(link: NdiLink, wanted: int, deadline: float) -> None:
+    """Set how many frames a second are taken, by the command that the tracker has.
+
+    Raises:
+        ConnectionFailed: it has none, or refuses.
+    """
+    value = FREQUENCIES[wanted]
+    try:
+        link.ask(f"SET:{TRACK_FREQUENCY}={value}", deadline)
+    except Refused as refusal:
+        try:
+            link.ask(f"IRATE:{value}", deadline)
+        except Refused:
+            raise ConnectionFailed(
+                f"track_frequency: {wanted} Hz cannot be set: {refusal.message}",
+                where=link.where,
+                remedy="Leave the key out: it takes frames then as it is set.",
+            ) from refusal
+
+
+def _step_of(link: NdiLink, deadline: float) -> int:
+    """Return by how much frame numbers rise; 0 if the tracker does not say."""
+    try:
+        told = link.ask(f"GET:{TRACK_FREQUENCY}", deadline).text
+    except Refused:  # older than this command
+        return 0
+    return STEPS.get(told.rpartition("=")[2].strip(), 0)
+
+
 def prepare(
-    link: NdiLink, tools: Sequence[ToolConfig], volume: int | None, deadline: float
+    link: NdiLink, config: NdiConfig, tools: Sequence[ToolConfig], deadline: float
 ) -> Prepared:
     """Initialise a tracker and its tools.
 
@@ -124,8 +162,11 @@ def prepare(
     try:
         link.ask("INIT:", deadline)
         prepared = Prepared(identify(link, deadline))
-        if volume is not None:
-            link.ask(f"VSEL:{volume}", deadline)
+        if config.volume is not None:
+            link.ask(f"VSEL:{config.volume}", deadline)
+        if config.track_frequency is not None:
+            _set_frequency(link, config.track_frequency, deadline)
+        prepared.step = _step_of(link, deadline)
         for which in (TO_BE_FREED, ALL):
             for handle in _handles(link, which, deadline):
                 link.ask(f"PHF:{handle:02X}", deadline)
@@ -186,6 +227,19 @@ def _enable(
             link.ask(f"PENA:{handle:02X}{_ENABLE_AS.get(kind, 'D')}", deadline)
         except Refused as refusal:
             raise _tool_refused(link, tools[place], refusal) from refusal
+
+
+def free(link: NdiLink, prepared: Prepared, deadline: float) -> None:
+    """Free the handles of all tools: initialised ones cannot be initialised by another program.
+
+    Raises:
+        ConnectionFailed, ConnectionLost: the tracker does not answer by the monotonic `deadline`.
+    """
+    for handle in {*prepared.handles.values(), *prepared.infos}:
+        try:
+            link.ask(f"PHF:{handle:02X}", deadline)
+        except Refused as refusal:  # unplugged since, or freed by another client
+            logger.debug("%s", refusal)
 
 
 def handles_of(text: str) -> dict[int, int]:

@@ -37,6 +37,7 @@ class FrameStream:
         rate: of the tracker, in Hz, as far as it is known.
         kind: how frames are asked for, see `crtk_driver_ndi.frames.PARSERS`.
         parsers: these, or those that ask for stray markers too.
+        step: by how much frame numbers rise from frame to frame; 0: by the least that was seen.
 
     Attributes:
         kind: as given.
@@ -46,14 +47,15 @@ class FrameStream:
         reply_time: seconds from the last question to its reply.
     """
 
-    def __init__(self, rate: float, kind: str, parsers: Parsers = PARSERS) -> None:
+    def __init__(self, rate: float, kind: str, parsers: Parsers = PARSERS, step: int = 0) -> None:
         self.kind = kind
         self.question, self._parse = parsers[kind]
         self.newest: Frame | None = None
         self.stamp = Stamp(0, 0.0)
         self.frames = self.repeated = self.lost = 0
         self.reply_time = 0.0
-        self._period = 1.0 / rate
+        self._step = step
+        self._period = max(1, step) / rate
         self._clock = ClockFit()
         self._wall = WallClock()
         self._due = 0.0
@@ -88,7 +90,9 @@ class FrameStream:
         if frame.number < before:  # another client has started tracking anew
             self._clock.reset()
         elif self.newest is not None:
-            self.lost += frame.number - before - 1
+            risen = frame.number - before
+            self._step = min(self._step or risen, risen)
+            self.lost += risen // self._step - 1
             self._learn_period(self.newest, frame)
         ticks = frame.nanoseconds or frame.number
         (taken,) = self._clock.stamp(np.array([ticks]), np.array([asked])).tolist()
@@ -104,10 +108,10 @@ class FrameStream:
         """The tracker may be slower than its family: by its settings, or its exposure."""
         passed = frame.nanoseconds - before.nanoseconds
         if before.nanoseconds and passed > 0:
-            period = passed * 1e-9 / (frame.number - before.number)
+            period = passed * 1e-9 * self._step / (frame.number - before.number)
             self._period = min(max(period, SHORTEST), LONGEST)
         elif self._clock.tick_rate and not frame.nanoseconds:
-            self._period = min(max(1.0 / self._clock.tick_rate, SHORTEST), LONGEST)
+            self._period = min(max(self._step / self._clock.tick_rate, SHORTEST), LONGEST)
 
     @property
     def counters(self) -> Mapping[str, float]:

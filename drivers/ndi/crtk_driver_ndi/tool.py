@@ -89,7 +89,7 @@ class ToolDevice(DeviceBehind, Sensor):
             measured=("measured_cp",)
             if reference is None
             else ("measured_cp", "local/measured_cp"),
-            rate=config.known_family.rate,
+            rate=config.rate,
             base_frame=self._base,
             tool_frame=name,
             stop=STOP,

@@ -12,9 +12,10 @@ from rich.console import Console
 from rich.table import Table
 
 from crtk_driver_ndi.config import NdiConfig
+from crtk_driver_ndi.families import FREQUENCIES, TRACK_FREQUENCY
 from crtk_driver_ndi.link import NdiLink, Refused
 from crtk_driver_ndi.rom import TYPES, read_rom
-from crtk_driver_ndi.setup import identify, prepare
+from crtk_driver_ndi.setup import free, identify, prepare
 from crtk_drivers.config import Settings
 from crtk_drivers.plugins import Tool
 
@@ -26,10 +27,12 @@ _PARAMETERS: Final = (
     "Features.Firmware.Version",
     "Param.Tracking.Available Volumes",
     "Param.Tracking.Selected Volume",
-    "Param.Tracking.Track Frequency",
+    TRACK_FREQUENCY,
 )
 """What newer trackers tell by GET."""
 
+
+_HERTZ: Final = {str(value): hertz for hertz, value in FREQUENCIES.items()}
 
 NOT_INITIALISED: Final = 0x10
 """The error of a tracker that was just switched on."""
@@ -76,7 +79,13 @@ def info(config: NdiConfig, options: NoOptions) -> int:
             except Refused:
                 continue
             rows += [
-                (key, value) for key, _, value in (x.partition("=") for x in told.splitlines())
+                (
+                    key,
+                    f"{value} ({_HERTZ[value]} Hz)"
+                    if key == TRACK_FREQUENCY and value in _HERTZ
+                    else value,
+                )
+                for key, _, value in (x.partition("=") for x in told.splitlines())
             ]
     for key, value in rows:
         _OUT.print(f"{key}: {value}", markup=False)
@@ -84,9 +93,10 @@ def info(config: NdiConfig, options: NoOptions) -> int:
 
 
 def scan(config: NdiConfig, options: NoOptions) -> int:
-    """Initialise a tracker, and print what is plugged in, as a configuration has it."""
+    """Initialise a tracker, print what is plugged in as a configuration has it, and free it again."""
     with _connected(config) as (link, deadline):
-        prepared = prepare(link, (), config.volume, deadline)
+        prepared = prepare(link, config, (), deadline)
+        free(link, prepared, deadline)
     _OUT.print(f"{prepared.identity.family.product} at {link.where}", markup=False)
     for information in prepared.infos.values():
         _OUT.print(f"\n# {information}", markup=False)

@@ -17,7 +17,7 @@ from crtk_driver_ndi.codec import Reply, error_text
 from crtk_driver_ndi.config import NdiConfig
 from crtk_driver_ndi.frames import ToolSeen
 from crtk_driver_ndi.link import QUIET, NdiLink, Refused, patience_for
-from crtk_driver_ndi.setup import Prepared, handles_of, prepare
+from crtk_driver_ndi.setup import Prepared, free, handles_of, prepare
 from crtk_driver_ndi.stream import FrameStream
 from crtk_drivers.device import Condition
 from crtk_drivers.errors import (
@@ -37,6 +37,8 @@ ALIVE: Final = 0.1
 """Seconds between two questions while nothing is tracked."""
 REPLY: Final = 0.4
 """Seconds after which an answer that did not come is asked for again."""
+FAREWELL: Final = 1.0
+"""Seconds in which all tools are freed, or not, when it is closed."""
 MOST_DAMAGED: Final = 5
 """Damaged replies one after the other that are no accident any more."""
 SURPLUS: Final = 20
@@ -123,7 +125,7 @@ class Tracker:
         self.close()
         try:
             self._link.open(deadline)
-            prepared = prepare(self._link, self.config.tools, self.config.volume, deadline)
+            prepared = prepare(self._link, self.config, self.config.tools, deadline)
             known = handles_of(self._link.ask(_HANDLES, deadline).text)
             self._require_in_step(deadline)
         except (Refused, ConnectionLost, ProtocolError, ValueError) as error:
@@ -147,18 +149,23 @@ class Tracker:
         self._link.abort()
 
     def close(self) -> None:
-        """Stop tracking, as far as it can be told, and disconnect. May be called twice."""
-        was_tracking = self.prepared is not None and self.stream is not None
-        self.prepared = self.stream = None
-        if was_tracking:
+        """Stop tracking and free the tools, as far as it can be told, and disconnect. May be called twice.
+
+        A handle that stays initialised makes PINIT of the next program fail (ERROR13).
+        """
+        prepared, self.prepared, self.stream = self.prepared, None, None
+        if prepared is not None:
             try:
-                self._stop()
-            except DeviceError as error:  # it was sent, if there is a link
-                logger.debug("%s: TSTOP: %s", self.address, error)
+                if self._stop():
+                    free(self._link, prepared, time.monotonic() + FAREWELL)
+            except DeviceError as error:  # TSTOP was sent, if there is a link
+                logger.debug("%s: it is not left in order: %s", self.address, error)
         self._link.close()
 
-    def _stop(self) -> None:
-        """Send TSTOP, and once more where nothing answers it; replies to questions before are left out.
+    def _stop(self) -> bool:
+        """Send TSTOP, and once more where nothing answers it; return whether anything did at last.
+
+        Replies to questions before it are left out.
 
         Raises:
             ConnectionLost, ProtocolError: the link is gone, or a reply is damaged.
@@ -168,7 +175,8 @@ class Tracker:
             deadline = time.monotonic() + REPLY
             while (reply := self._link.receive(deadline)) is not None:
                 if reply.error is not None or reply.text.startswith("OKAY"):
-                    return
+                    return True
+        return False
 
     def _require_in_step(self, deadline: float) -> None:
         """See that no reply was doubled: all later ones would answer the question before.

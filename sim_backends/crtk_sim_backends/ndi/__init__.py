@@ -28,7 +28,11 @@ from crtk_sim_backends.ndi import wire
 from crtk_sim_backends.ndi.defects import TrackerDefects
 from crtk_sim_backends.ndi.families import FAMILIES
 from crtk_sim_backends.ndi.motion import MOTIONS
+from crtk_sim_backends.ndi.plugs import sensors_of
 from crtk_sim_backends.ndi.tracker import Tracker
+
+FREQUENCIES: Final = {"20": "0", "30": "1", "60": "2"}
+"""Values of `Param.Tracking.Track Frequency` by frames a second."""
 
 __all__ = ["SIM", "NdiSimulator", "SimConfig"]
 
@@ -39,7 +43,11 @@ class SimConfig(Options):
 
     family: str = option("vega", "what it is", choices=FAMILIES)
     port: int = option(0, "TCP port, 8765 on hardware; 0: any free one")
-    wired: str = option("SIM-POINTER,SIM-REFERENCE", "part numbers of its wired tools, with commas")
+    wired: str = option(
+        "SIM-POINTER,SIM-REFERENCE",
+        "part numbers of its wired tools, with commas, at ports 1, 2, ...; with *2 behind it one has two "
+        "channels, and ? is one without memory",
+    )
     motion: str = option("circle", "what its tools do", choices=MOTIONS)
     noise: float = option(0.05, "RMS of each coordinate, in mm")
     defects: str = option(
@@ -48,6 +56,11 @@ class SimConfig(Options):
     )
     latency: float = option(0.0, "seconds from when a frame is taken until it is told")
     left: int = option(0, "how many wired tools a client that died has left initialised")
+    track_frequency: str = option(
+        "60",
+        "frames a second of 60 that it takes: their numbers rise by 3, 2 or 1",
+        choices=FREQUENCIES,
+    )
     strays: int = option(0, "how many markers it sees that belong to no tool")
 
     @override
@@ -60,7 +73,8 @@ class SimConfig(Options):
         check_range("latency", self.latency, 0.0, 0.2)
         check_range("left", self.left, 0, 32)
         check_range("strays", self.strays, 0, 50)
-        _ = self.tracker_defects
+        check_choice("track_frequency", self.track_frequency, FREQUENCIES)
+        _ = self.tracker_defects, sensors_of(self.wired)
 
     @property
     def tracker_defects(self) -> TrackerDefects:
@@ -145,7 +159,7 @@ class NdiSimulator(Simulator[SimConfig, LoopServer]):
         """Bind its port and its serial line."""
         tracker = Tracker(
             FAMILIES[config.family],
-            [part for part in config.wired.split(",") if part],
+            sensors_of(config.wired),
             MOTIONS[config.motion],
             config.noise,
             config.left,
@@ -154,6 +168,7 @@ class NdiSimulator(Simulator[SimConfig, LoopServer]):
             time.time_ns,
             config.strays,
             config.latency,
+            FREQUENCIES[config.track_frequency],
         )
 
         def later(name: str) -> Later:

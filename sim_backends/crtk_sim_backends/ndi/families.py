@@ -6,6 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+FREQUENCY: Final = "Param.Tracking.Track Frequency"
+STEPS: Final[Mapping[str, int]] = {"0": 3, "1": 2, "2": 1}
+"""By how much frame numbers rise, by the value of that parameter: 20, 30 or 60 Hz of 60."""
+
 
 @dataclass(frozen=True)
 class Family:
@@ -41,6 +45,13 @@ class Family:
     one_by_one: bool = False
     indicator: bool = False
     version_error: int = 0x07
+
+    def told(self, serial_number: str) -> str:
+        """Return what VER says."""
+        return (
+            f"{self.firmware}\nNDI S/N: {serial_number}\nCharacterization Date: 01/02/20\n"
+            f"Freeze Tag: simulated {self.model}\nFreeze Date: 01/02/20\n(C) Northern Digital Inc.\n"
+        )
 
 
 def _polaris(

@@ -56,6 +56,7 @@ class Handle:
         wired: the tool hangs on a wire, and its definition in its own memory.
         memory: the definition, as far as it was written.
         serial_number: of the tool.
+        port, channel: where it is plugged in; 0 of a wireless one.
     """
 
     number: int
@@ -63,6 +64,8 @@ class Handle:
     wired: bool
     memory: bytearray = field(default_factory=lambda: bytearray(MEMORY))
     serial_number: str = ""
+    port: int = 0
+    channel: int = 0
     initialised: bool = False
     enabled: bool = False
 
@@ -100,6 +103,6 @@ class Handle:
             0x0004: f"{self.part_number:<20.20}",
             0x0008: "00",
             0x0010: f"{memory[655]:02X}",
-            0x0020: f"{'00000000':<14}",
+            0x0020: f"{'00000000':<8}0{0 if self.wired else 1}{self.port:02d}{self.channel:02d}",
         }
         return "".join(text for bit, text in parts.items() if options & bit)

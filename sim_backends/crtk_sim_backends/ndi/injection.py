@@ -6,6 +6,16 @@ from typing import Final
 
 from crtk_sim_backends.faults import FaultKind, KindTable, Parameter
 
+HIDDEN: Final = {
+    "missing": 0,
+    "out": 6,
+    "partly": 7,
+    "algorithm": 8,
+    "interference": 9,
+    "exception": 12,
+}
+"""Bits of the port status, by how the fault `hide` calls them."""
+
 _COMMAND: Final = Parameter(str, "")
 _TOOL: Final = Parameter(int, 0, minimum=-1, maximum=63)
 
@@ -20,7 +30,7 @@ _LASTING: Final[tuple[FaultKind, ...]] = tuple(
                 "how": Parameter(
                     str,
                     "missing",
-                    choices=("missing", "out", "partly", "algorithm", "interference", "exception"),
+                    choices=tuple(HIDDEN),
                 ),
             },
         ),

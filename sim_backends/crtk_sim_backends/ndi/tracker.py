@@ -15,11 +15,12 @@ from typing import Any, Final
 from crtk_sim_backends.faults import Fault
 from crtk_sim_backends.ndi import frames, wire
 from crtk_sim_backends.ndi.defects import TrackerDefects
-from crtk_sim_backends.ndi.families import Family
+from crtk_sim_backends.ndi.families import FREQUENCY, STEPS, Family
 from crtk_sim_backends.ndi.frames import Seen
 from crtk_sim_backends.ndi.handles import INITIALISED, Handle, make_rom
-from crtk_sim_backends.ndi.injection import KINDS
+from crtk_sim_backends.ndi.injection import HIDDEN, KINDS
 from crtk_sim_backends.ndi.motion import ERROR, Motion, Place, is_inside, place, shaken
+from crtk_sim_backends.ndi.plugs import Sensor
 from crtk_sim_backends.ndi.track import Play, Track
 
 MOST_HANDLES: Final = 32
@@ -36,16 +37,6 @@ SERIAL: Final = "P7-{:05d}"
 _H: Final = "[0-9A-Fa-f]"
 _OPTIONS: Final = f"({_H}{{4}})?"
 
-HIDDEN: Final = {
-    "missing": 0,
-    "out": 6,
-    "partly": 7,
-    "algorithm": 8,
-    "interference": 9,
-    "exception": 12,
-}
-"""Bits of the port status, by how the fault `hide` calls them."""
-
 Answer = str | bytes | int
 """Text, the body of a binary reply, or the code of an error."""
 
@@ -55,7 +46,7 @@ class Tracker:
 
     Args:
         family: what it is.
-        wired: part numbers of its wired tools.
+        wired: sensors of its wired tools.
         motion: of its tools.
         noise: in mm.
         left: how many of its wired tools a client that died has left initialised.
@@ -64,6 +55,7 @@ class Tracker:
         wall: ns since the epoch.
         strays: how many markers it sees that belong to no tool.
         latency: seconds from when a frame is taken until it is told.
+        frequency: value of its parameter `FREQUENCY`, until a client sets another one.
 
     Attributes:
         baud: of its serial line, in bit/s.
@@ -73,7 +65,7 @@ class Tracker:
     def __init__(
         self,
         family: Family,
-        wired: Sequence[str],
+        wired: Sequence[Sensor],
         motion: Motion,
         noise: float,
         left: int,
@@ -82,6 +74,7 @@ class Tracker:
         wall: Callable[[], int],
         strays: int = 0,
         latency: float = 0.0,
+        frequency: str = "2",
     ) -> None:
         self.kinds = KINDS
         self.family = family
@@ -92,6 +85,9 @@ class Tracker:
         self._clock, self._wall = clock, wall
         self._strays = [(-50.0, 30.0 * each, family.middle) for each in range(1, strays + 1)]
         self._latency = latency
+        self._frequency = frequency
+        self._questions = 0
+        """For a frame, since it was switched on."""
         self._moved: dict[str, tuple[Track, Play]] = {}  # by part number
         self._mode = COLD
         self._handles: dict[int, Handle] = {}
@@ -135,6 +131,8 @@ class Tracker:
             "frame": self._number() if self._mode == TRACKING else -1,
             "origin": self._origin,
             "rate": self.family.rate,
+            "step": STEPS[self._frequency],
+            "questions": self._questions,
             "baud": self.baud,
             "handles": " ".join(f"{h.number:02X}:{h.status:02X}" for h in self._handles.values()),
         }
@@ -232,18 +230,20 @@ class Tracker:
     def _plug_in(self) -> None:
         """Give handles to wired tools that have none; some trackers one after the other."""
         unplugged = self._faults.get("unplug", {}).get("tool")
-        for tool, part_number in enumerate(self._wired):
+        for tool, sensor in enumerate(self._wired):
             present = [h for h in self._handles.values() if h.wired and h.tool == tool]
-            if tool == unplugged:
+            if sensor.port - 1 == unplugged:
                 for handle in present:
                     del self._handles[handle.number]
                 continue
             if not present:
-                kind = 1 if "REF" in part_number.upper() else 2
+                kind = 1 if "REF" in sensor.part_number.upper() else 2
                 handle = Handle(self._free_number(), tool, wired=True)
-                rom = make_rom(part_number, kind)
-                handle.memory[: len(rom)] = rom
-                handle.serial_number = f"{0x34000000 + tool:08X}"
+                if sensor.part_number:
+                    rom = make_rom(sensor.part_number, kind)
+                    handle.memory[: len(rom)] = rom
+                handle.serial_number = sensor.serial_number
+                handle.port, handle.channel = sensor.port, sensor.channel
                 present = [self._handles[self._allot(handle)]]
             if self.family.one_by_one and not present[0].initialised:
                 return
@@ -253,7 +253,7 @@ class Tracker:
             self._plug_in()
         tests: Mapping[str, Callable[[Handle], bool]] = {
             "00": lambda h: True,
-            "01": lambda h: h.wired and h.tool == self._faults.get("unplug", {}).get("tool"),
+            "01": lambda h: h.wired and h.port - 1 == self._faults.get("unplug", {}).get("tool"),
             "02": lambda h: not h.initialised,
             "03": lambda h: h.initialised and not h.enabled,
             "04": lambda h: h.enabled,
@@ -268,6 +268,8 @@ class Tracker:
         return "OKAY" if self._handles.pop(int(digits, 16), None) else 0x08
 
     def _request(self, arguments: str) -> Answer:
+        if self.family.indicator:
+            return 0x2F  # an Aurora has no port for what hangs on no wire
         if not (number := self._free_number()):
             return 0x2D
         wireless = [h.tool for h in self._handles.values() if not h.wired]
@@ -315,7 +317,7 @@ class Tracker:
             return 0x08
         return (
             handle.information(int(arguments[2:] or "0001", 16))
-            if not handle.is_empty
+            if handle.wired or not handle.is_empty
             else "UNOCCUPIED"
         )
 
@@ -350,11 +352,7 @@ class Tracker:
             return self.family.version
         if arguments not in ("0", "3", "4"):
             return self.family.version_error
-        serial_number = SERIAL.format(12345)
-        return (
-            f"{self.family.firmware}\nNDI S/N: {serial_number}\nCharacterization Date: 01/02/20\n"
-            f"Freeze Tag: simulated {self.family.model}\nFreeze Date: 01/02/20\n(C) Northern Digital Inc.\n"
-        )
+        return self.family.told(SERIAL.format(12345))
 
     def _get(self, name: str) -> Answer:
         parameters = {
@@ -362,11 +360,23 @@ class Tracker:
             "Features.Hardware.Serial Number": SERIAL.format(12345),
             "Features.Firmware.API Revision": self.family.api,
             "Param.Tracking.Selected Volume": f"{self._volume - 1}",
-            "Param.Tracking.Track Frequency": f"{self.family.rate:g}",
+            FREQUENCY: self._frequency,
         }
         if not self.family.model:
             return 0x01
         return f"{name}={parameters[name]}" if name in parameters else 0x34
+
+    def _set(self, assignment: str) -> Answer:
+        name, _, value = assignment.partition("=")
+        if name != FREQUENCY or not self.family.model or self.family.indicator:
+            return 0x34 if self.family.model else 0x01
+        return self._set_frequency(value)
+
+    def _set_frequency(self, value: str) -> Answer:
+        if value not in STEPS or self.family.indicator:
+            return 0x36
+        self._frequency = value
+        return "OKAY"
 
     def _select_volume(self, number: str) -> Answer:
         if number not in ("1", "2"):
@@ -386,7 +396,8 @@ class Tracker:
             "GET": (_ANY, ".+", self._get),
             "SFLIST": (_ANY, f"{_H}{{2}}", lambda text: "2" if self.family.indicator else "1"),
             "VSEL": (_IN_SETUP, ".", self._select_volume),
-            "IRATE": (_IN_SETUP, "[0-2]", lambda text: "OKAY"),
+            "SET": (_IN_SETUP, ".+=.+", self._set),
+            "IRATE": (_IN_SETUP, "[0-2]", self._set_frequency),
             "BEEP": (_READY, "[1-9]", lambda text: "1"),
             "LED": (_READY, f"{_H}{{2}}..", lambda text: "OKAY"),
             "PHSR": (_READY, "0[0-4]", self._ports),
@@ -410,7 +421,8 @@ class Tracker:
         frozen = self._faults.get("frozen")
         if frozen is not None and "frame" in frozen:
             return int(frozen["frame"])
-        return max(0, int((self._clock() - self._origin - self._latency) * self.family.rate))
+        number = max(0, int((self._clock() - self._origin - self._latency) * self.family.rate))
+        return number - number % STEPS[self._frequency]
 
     def _taken(self, number: int) -> int:
         """Return when a frame was taken, in ns since the epoch."""
@@ -467,15 +479,18 @@ class Tracker:
         return int(self._faults.get("system", {}).get("bits", 0))
 
     def _tx(self, arguments: str) -> Answer:
+        self._questions += 1
         number, options = self._number(), int(arguments or "0001", 16)
         return frames.tx(self._seen(number), number, self._system, options, self._strays)
 
     def _bx(self, arguments: str) -> Answer:
+        self._questions += 1
         number, options = self._number(), int(arguments or "0001", 16)
         return frames.bx(self._seen(number), number, self._system, options, self._strays)
 
     def _bx2(self, arguments: str) -> Answer:
         """Nothing where the frame has been told."""
+        self._questions += 1
         number = self._number()
         seen = self._seen(number) if number != self._told_frame else []
         self._told_frame = number

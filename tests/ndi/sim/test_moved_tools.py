@@ -13,6 +13,7 @@ from crtk_sim_backends.ndi.defects import TrackerDefects
 from crtk_sim_backends.ndi.families import FAMILIES
 from crtk_sim_backends.ndi.injection import KINDS
 from crtk_sim_backends.ndi.motion import MOTIONS, Place
+from crtk_sim_backends.ndi.plugs import sensors_of
 from crtk_sim_backends.ndi.track import Play, Track
 from crtk_sim_backends.ndi.tracker import Tracker
 
@@ -29,7 +30,7 @@ class Lab:
         self.now = BEGIN
         self.tracker = Tracker(
             FAMILIES["vega"],
-            ["A"],
+            sensors_of("A"),
             MOTIONS["circle"],
             0.0,
             0,

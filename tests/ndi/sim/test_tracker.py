@@ -15,6 +15,7 @@ from crtk_sim_backends.ndi.frames import Seen
 from crtk_sim_backends.ndi.handles import make_rom
 from crtk_sim_backends.ndi.injection import KINDS
 from crtk_sim_backends.ndi.motion import MOTIONS, Place
+from crtk_sim_backends.ndi.plugs import sensors_of
 from crtk_sim_backends.ndi.tracker import Tracker
 
 SEEN = [
@@ -37,7 +38,7 @@ class Lab:
         self.now = 100.0
         self.tracker = Tracker(
             FAMILIES[family],
-            wired,
+            sensors_of(",".join(wired)),
             MOTIONS["circle"],
             0.0,
             left,

@@ -39,6 +39,22 @@ def test_a_frame_is_told_once_and_those_that_were_missed_are_counted() -> None:
     assert (stream.frames, stream.repeated, stream.lost) == (3, 1, 2)
 
 
+@pytest.mark.parametrize("told", [0, 3])
+def test_losses_are_counted_by_the_trackers_step(told: int) -> None:
+    stream = FrameStream(RATE, "BX", step=told)
+    for number in (0, 3, 6, 12, 15):
+        assert take(stream, bx(number), 1.0 + number / RATE)
+    assert stream.lost == 1
+
+
+def test_one_who_asks_too_slowly_counts_losses() -> None:
+    """Each second frame is missed for good: only what the tracker tells of its steps shows that."""
+    stream = FrameStream(RATE, "BX", step=1)
+    for number in range(0, 20, 2):
+        take(stream, bx(number), 1.0 + number / RATE)
+    assert stream.lost == 9
+
+
 def test_the_next_is_asked_for_a_little_early_and_then_again_and_again() -> None:
     stream = FrameStream(RATE, "BX")
     take(stream, bx(0), 10.0)

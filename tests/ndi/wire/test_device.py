@@ -17,7 +17,7 @@ from crtk_driver_ndi.device import NdiDevice
 from crtk_driver_ndi.frames import Frame
 from crtk_driver_ndi.stream import FrameStream
 from crtk_drivers.cli import main
-from crtk_drivers.errors import ConfigError, TransitionFailed
+from crtk_drivers.errors import ConfigError, ConnectionFailed, TransitionFailed
 from crtk_drivers.geometry.frames import product
 from crtk_drivers.samples import Pose, Poses, Stamp
 from crtk_drivers.state import OperatingState
@@ -239,6 +239,30 @@ def _together(stream: FrameStream) -> tuple[Frame, Stamp] | None:
     return (newest, stamp) if newest is stream.newest and stream.frames == count else None
 
 
+@pytest.mark.parametrize("replies", ["BX2", "BX"])
+@pytest.mark.parametrize("set_by", ["driver", "tracker"])
+def test_a_slower_track_frequency_loses_nothing(replies: str, set_by: str) -> None:
+    """Frame numbers rise by 3: by the simulator's own count it is asked as often as at 60 Hz, by frame."""
+    driver: dict[str, Any] = {"track_frequency": 20} if set_by == "driver" else {}
+    tracker = {} if driver else {"track_frequency": "20"}
+    with simulated(**tracker) as sim, ndi_bench(sim, replies=replies, **driver) as bench:
+        bench.tracking()
+        begun, asked = bench.counters["frames"], sim.control.status()["questions"]
+        eventually(lambda: bench.counters["frames"] >= begun + 40, "2 s of frames")
+        assert sim.control.status()["step"] == 3
+        asked = sim.control.status()["questions"] - asked
+        assert asked / (bench.counters["frames"] - begun) < 8.0
+        assert bench.counters["lost"] <= 2
+        assert bench.counters["frame_rate"] == pytest.approx(20.0, rel=0.02)
+
+
+def test_a_track_frequency_that_it_does_not_have_is_refused() -> None:
+    with simulated(family="aurora") as sim:
+        device = NdiDevice(configuration(sim, track_frequency=30))
+        with pytest.raises(ConnectionFailed, match=r"track_frequency: 30 Hz cannot be set"):
+            device.open(time.monotonic() + LONG)
+
+
 def test_enabled_means_tracking_and_tools_follow(vega: RunningSim) -> None:
     with ndi_bench(vega, tools=WIRED) as bench:
         assert vega.control.status()["mode"] == "setup"
@@ -261,6 +285,26 @@ def test_closing_leaves_a_tracker_that_does_not_track(vega: RunningSim) -> None:
     with ndi_bench(vega, tools=WIRED) as bench:
         bench.tracking()
     assert vega.control.status()["mode"] == "setup"
+
+
+@pytest.mark.parametrize("left", ["tracking", "not tracking", "scanned"])
+def test_the_next_program_can_initialise_every_tool(vega: RunningSim, left: str) -> None:
+    """Without freeing handles that somebody may have left: by the simulated tracker's own PINIT."""
+    if left == "scanned":
+        assert main(["ndi", "scan", "--host", vega.host, "--tcp-port", str(vega.ports["tcp"])]) == 0
+    else:
+        with ndi_bench(vega, tools=WIRED) as bench:
+            if left == "tracking":
+                bench.tracking()
+    with socket.create_connection((vega.host, vega.ports["tcp"]), timeout=LONG) as other:
+        for text, start in (
+            ("INIT:", b"OKAY"),
+            ("PHSR:02", b"02"),
+            ("PINIT:01", b"OKAY"),
+            ("PINIT:02", b"OKAY"),
+        ):
+            other.sendall(command(text))
+            assert other.recv(100).startswith(start), text
 
 
 def test_what_a_dead_client_has_left_is_freed_first() -> None:
@@ -362,7 +406,7 @@ def test_the_link_can_be_told_and_pointed_elsewhere(vega: RunningSim) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("info",), ("Polaris Vega ST", "BX2, BX, TX", "Track Frequency: 60")),
+        (("info",), ("Polaris Vega ST", "BX2, BX, TX", "Track Frequency: 2 (60 Hz)")),
         (("scan",), ("[[tools]]", 'part_number = "SIM-POINTER"')),
         (("beep",), ("it beeped",)),
     ],
