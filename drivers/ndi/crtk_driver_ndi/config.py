@@ -29,7 +29,7 @@ BAUDS: Final[Mapping[int, str]] = {
 
 
 class ToolConfig(Settings):
-    """A tool. Give one of rom, part_number and serial_number."""
+    """A tool: wireless by its rom; wired by as many of its numbers, its port and channel as it needs."""
 
     name: str = Field(
         default="",
@@ -37,7 +37,11 @@ class ToolConfig(Settings):
         description="Its namespace below the tracker's: letters, digits and underscores. From its part "
         "number if empty.",
     )
-    rom: str = Field(default="", description="Path of the definition (.rom) of a wireless tool.")
+    rom: str = Field(
+        default="",
+        description="Path of the definition (.rom) of a wireless tool; with `port`, "
+        "of a wired one that has none in its own memory (Aurora).",
+    )
     part_number: str = Field(
         default="",
         max_length=20,
@@ -45,6 +49,15 @@ class ToolConfig(Settings):
     )
     serial_number: str = Field(
         default="", max_length=8, description="Of a wired tool, as `crtk-driver ndi scan` shows it."
+    )
+    port: int | None = Field(
+        default=None, ge=1, le=99, description="Where a wired tool is plugged in, from 1."
+    )
+    channel: int | None = Field(
+        default=None,
+        ge=0,
+        le=99,
+        description="Which sensor of a wired tool with two: 0 or 1. The first that is free if null.",
     )
 
     tip: PoseConfig | None = Field(
@@ -55,11 +68,23 @@ class ToolConfig(Settings):
 
     @model_validator(mode="after")
     def _one_source(self) -> ToolConfig:
-        if sum(map(bool, (self.rom, self.part_number, self.serial_number))) != 1:
-            raise ValueError("give one of rom, part_number and serial_number")
+        is_numbered = bool(self.part_number or self.serial_number)
+        if not (self.rom or is_numbered or self.port):
+            raise ValueError("give rom, or part_number, serial_number or port of a wired tool")
+        if self.rom and is_numbered:
+            raise ValueError(
+                "give rom, or part_number and serial_number, not both: rom may have port"
+            )
+        if self.channel is not None and not (is_numbered or self.port):
+            raise ValueError("channel: is of a wired tool; give port too")
         if self.name and not re.fullmatch(r"[a-z][a-z0-9_]*", self.name):
             raise ValueError(f"name: {self.name!r} is not made of a-z, 0-9 and _, a letter first")
         return self
+
+    @property
+    def is_wireless(self) -> bool:
+        """Whether the tracker gives it a handle only when it is asked for one."""
+        return bool(self.rom) and self.port is None
 
     @property
     def namespace(self) -> str:
@@ -73,6 +98,10 @@ class ToolConfig(Settings):
         number = (
             read_rom(self.rom).part_number if self.rom else self.part_number or self.serial_number
         )
+        if not number and self.port:
+            number = f"port_{self.port}"
+        if self.channel:
+            number += f"_{self.channel}"
         return "tool_" + (re.sub(r"[^a-z0-9]+", "_", number.lower()).strip("_") or "unnamed")
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from crtk_driver_ndi.config import NdiConfig
+from crtk_driver_ndi.config import NdiConfig, ToolConfig
 from crtk_driver_ndi.rom import read_rom
 from crtk_driver_ndi.tools import TOOLS
 from crtk_drivers.device import Device, DeviceKind
@@ -51,9 +51,21 @@ def _at_sim(config: NdiConfig, sim: RunningSim) -> NdiConfig:
 
 
 def _sim_options(config: NdiConfig) -> Mapping[str, Any]:
-    wired = [tool.part_number for tool in _with_tools(config).tools if tool.part_number]
     family = {} if config.family == "auto" else {"family": config.family}
-    return {"wired": ",".join(wired), **family}
+    return {"wired": _plugged(_with_tools(config).tools), **family}
+
+
+def _plugged(tools: Sequence[ToolConfig]) -> str:
+    """Return what hangs at a simulated tracker: at the ports that are named, else at the first free one."""
+    plugs: dict[int, str] = {}
+    for tool in sorted(tools, key=lambda tool: (tool.port or 100, tool.channel or 0)):
+        part = "?" if tool.rom else tool.part_number
+        if tool.is_wireless or not part:
+            continue
+        same = [port for port, text in plugs.items() if text == part] if tool.channel else []
+        port = tool.port or next(iter(same), max(plugs, default=0) + 1)
+        plugs[port] = part + "*2" * bool(tool.channel)
+    return ",".join(plugs.get(port, "") for port in range(1, max(plugs, default=0) + 1))
 
 
 def _markers(config: NdiConfig) -> Mapping[str, str]:

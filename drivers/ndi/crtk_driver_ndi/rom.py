@@ -15,7 +15,7 @@ from typing import Final
 from crtk_drivers.config.capped_file import read_capped
 from crtk_drivers.errors import ConfigError
 
-__all__ = ["CHUNK", "SIZE", "TYPES", "Rom", "parse_rom", "read_rom"]
+__all__ = ["CHUNK", "LEAST_MARKERS", "SIZE", "TYPES", "Rom", "parse_rom", "read_rom"]
 
 SIZE: Final = 752
 LONGEST: Final = 1024
@@ -24,6 +24,8 @@ CHUNK: Final = 64
 """Bytes that PVWR takes at a time."""
 
 MOST_MARKERS: Final = 20
+LEAST_MARKERS: Final = 3
+"""Of a tool that cameras see; a wired one of an Aurora has a sensor or two."""
 
 TYPES: Final[Mapping[int, str]] = MappingProxyType(
     {
@@ -52,7 +54,7 @@ class Rom:
         manufacturer, part_number: as engraved.
         kind: main type, see `TYPES`.
         revision: of the file.
-        markers: x, y, z of each in the tool's frame, in mm.
+        markers: x, y, z of each in the tool's frame, in mm; of an Aurora's tool its sensors.
         least_markers: that must be seen for a pose.
         largest_error, largest_angle: of a marker, in mm and degrees.
     """
@@ -88,7 +90,7 @@ def parse_rom(data: bytes) -> Rom:
     if found != wanted:
         raise ValueError(f"damaged: the checksum is {found:04X}, and should be {wanted:04X}")
     count = data[28]
-    if not 3 <= count <= MOST_MARKERS:
+    if not 1 <= count <= MOST_MARKERS:
         raise ValueError(f"{count} markers")
     return Rom(
         data=data,

@@ -24,8 +24,8 @@ from crtk_driver_ndi.families import (
     family_named,
 )
 from crtk_driver_ndi.link import NdiLink, Refused
-from crtk_driver_ndi.rom import TYPES, read_rom
-from crtk_drivers.errors import ConnectionFailed, ProtocolError
+from crtk_driver_ndi.rom import LEAST_MARKERS, TYPES, read_rom
+from crtk_drivers.errors import ConfigError, ConnectionFailed, ProtocolError
 
 __all__ = ["Identity", "PortInfo", "Prepared", "free", "handles_of", "identify", "prepare"]
 
@@ -37,6 +37,12 @@ ROUNDS: Final = 8
 """Times that PHSR:02 is asked: an Aurora tells of the next sensor of a tool when one is initialised."""
 NOT_TRACKING: Final = frozenset({0x0C, 0x10, 0x11})
 """Errors of TSTOP where nothing was tracked."""
+
+NO_DEFINITION: Final = frozenset({0x2C, 0x40})
+"""Errors of PINIT where a tool has no sound definition in its memory."""
+_NEEDS_DEFINITION: Final = (
+    "; a tool without a definition of its own needs rom, beside port and channel"
+)
 
 _ENABLE_AS: Final[Mapping[int, str]] = {1: "S", 3: "B"}
 """Tracking priority by main type: static for a reference, button box; dynamic else."""
@@ -61,6 +67,8 @@ class PortInfo:
         handle: its number.
         kind: main type, see `crtk_driver_ndi.rom.TYPES`; 0 if it has none.
         manufacturer, serial_number, part_number: of the tool.
+        port: where it is plugged in, from 1; 0 of a wireless one.
+        channel: of it at that plug, from 0.
     """
 
     handle: int
@@ -68,6 +76,23 @@ class PortInfo:
     manufacturer: str
     serial_number: str
     part_number: str
+    port: int = 0
+    channel: int = 0
+
+    @property
+    def plug(self) -> str:
+        """Where it is plugged in, in words."""
+        return f"port {self.port}, channel {self.channel}" if self.port else "no port"
+
+    def is_of(self, tool: ToolConfig) -> bool:
+        """Whether all that a tool is named by fits."""
+        wanted = {
+            "part_number": tool.part_number or None,
+            "serial_number": tool.serial_number or None,
+            "port": tool.port,
+            "channel": tool.channel,
+        }
+        return all(value in (None, getattr(self, key)) for key, value in wanted.items())
 
     @override
     def __str__(self) -> str:
@@ -75,6 +100,7 @@ class PortInfo:
         return (
             f"{kind} {self.part_number or 'without part number'} "
             f"(serial number {self.serial_number or 'unknown'}), by {self.manufacturer or 'nobody known'}"
+            + (f", at {self.plug}" if self.port else "")
         )
 
 
@@ -173,7 +199,7 @@ def prepare(
     except Refused as refusal:
         raise ConnectionFailed(refusal.message, where=link.where, remedy=WORKS) from refusal
     for place, tool in enumerate(tools):
-        if tool.rom:
+        if tool.is_wireless:
             prepared.handles[place] = _upload(link, tool, deadline)
     _initialise(link, tools, prepared, deadline)
     _enable(link, tools, prepared, deadline)
@@ -181,20 +207,37 @@ def prepare(
 
 
 def _upload(link: NdiLink, tool: ToolConfig, deadline: float) -> int:
-    rom = read_rom(tool.rom)
+    """Let the tracker know a wireless tool, and return its handle."""
+    count = len(read_rom(tool.rom).markers)
+    if count < LEAST_MARKERS:
+        raise ConfigError(
+            f"{count} of the {LEAST_MARKERS} markers that a wireless tool needs",
+            where=tool.rom,
+            remedy=f"Give the port of the wired tool beside rom in {tool.namespace}.",
+        )
     try:
         handle = int(link.ask("PHRQ:*********1****", deadline).text[:2], 16)
-        for address, data in rom.chunks:
-            link.ask(f"PVWR:{handle:02X}{address:04X}{data.hex().upper()}", deadline)
     except (Refused, ValueError) as error:
-        raise _tool_refused(link, tool, error) from error
+        refusal = _tool_refused(link, tool, error)
+        refusal.remedy += " A wired tool without a definition of its own needs its port beside rom."
+        raise refusal from error
+    _write(link, tool, handle, deadline)
     return handle
+
+
+def _write(link: NdiLink, tool: ToolConfig, handle: int, deadline: float) -> None:
+    """Write a definition to a handle."""
+    try:
+        for address, data in read_rom(tool.rom).chunks:
+            link.ask(f"PVWR:{handle:02X}{address:04X}{data.hex().upper()}", deadline)
+    except Refused as error:
+        raise _tool_refused(link, tool, error) from error
 
 
 def _initialise(
     link: NdiLink, tools: Sequence[ToolConfig], prepared: Prepared, deadline: float
 ) -> None:
-    wireless = {handle: tools[place] for place, handle in prepared.handles.items()}
+    written = {handle: tools[place] for place, handle in prepared.handles.items()}
     tried: set[int] = set()
     for _ in range(ROUNDS):
         found = [h for h in _handles(link, NOT_INITIALISED, deadline) if h not in tried]
@@ -202,12 +245,28 @@ def _initialise(
             return
         for handle in found:
             tried.add(handle)
+            if handle not in written:
+                plugged = _info(link, handle, deadline)
+                place = _written_to(plugged, tools, prepared)
+                if place is not None:
+                    _write(link, tools[place], handle, deadline)
+                    written[handle], prepared.handles[place] = tools[place], handle
             try:
                 link.ask(f"PINIT:{handle:02X}", deadline)
             except Refused as refusal:
-                if handle in wireless:
-                    raise _tool_refused(link, wireless[handle], refusal) from refusal
-                prepared.problems.append(refusal.message)
+                if handle in written:
+                    raise _tool_refused(link, written[handle], refusal) from refusal
+                hint = _NEEDS_DEFINITION if refusal.code in NO_DEFINITION else ""
+                prepared.problems.append(f"{plugged.plug}: {refusal.message}{hint}")
+
+
+def _written_to(plugged: PortInfo, tools: Sequence[ToolConfig], prepared: Prepared) -> int | None:
+    """Return the place of the wired tool whose definition is to be written to a handle, if there is one."""
+    for place, tool in enumerate(tools):
+        is_ours = tool.rom and plugged.port and tool.port == plugged.port
+        if is_ours and (tool.channel or 0) == plugged.channel and place not in prepared.handles:
+            return place
+    return None
 
 
 def _enable(
@@ -215,18 +274,46 @@ def _enable(
 ) -> None:
     for handle in _handles(link, NOT_ENABLED, deadline):
         info = prepared.infos[handle] = _info(link, handle, deadline)
-        for place, tool in enumerate(tools):
-            wanted = (tool.part_number, tool.serial_number)
-            is_it = wanted in ((info.part_number, ""), ("", info.serial_number))
-            if not tool.rom and is_it and place not in prepared.handles:
+        if handle not in prepared.handles.values():
+            place = _named(info, tools, prepared)
+            if place is not None:
                 prepared.handles[place] = handle
-                break
+    prepared.problems += _doubted(tools, prepared)
     for place, handle in prepared.handles.items():
         kind = prepared.infos[handle].kind if handle in prepared.infos else 0
         try:
             link.ask(f"PENA:{handle:02X}{_ENABLE_AS.get(kind, 'D')}", deadline)
         except Refused as refusal:
             raise _tool_refused(link, tools[place], refusal) from refusal
+
+
+def _named(info: PortInfo, tools: Sequence[ToolConfig], prepared: Prepared) -> int | None:
+    """Return the place of the tool that is behind a handle: that which is named most closely."""
+    places = [
+        place
+        for place, tool in enumerate(tools)
+        if not tool.rom and place not in prepared.handles and info.is_of(tool)
+    ]
+    return max(places, key=lambda place: len(_names_of(tools[place])), default=None)
+
+
+def _names_of(tool: ToolConfig) -> list[object]:
+    named = (tool.part_number, tool.serial_number, tool.port, tool.channel)
+    return [each for each in named if each not in (None, "")]
+
+
+def _doubted(tools: Sequence[ToolConfig], prepared: Prepared) -> Iterator[str]:
+    """Tell of tools that become others when plugs change places."""
+    for place, tool in enumerate(tools):
+        fits = {info.port for info in prepared.infos.values() if info.is_of(tool)}
+        if not tool.rom and place in prepared.handles and len(fits) > 1:
+            ports = ", ".join(map(str, sorted(fits)))
+            text = (
+                f"{tool.namespace} may be what is at any of the ports {ports}: tools are exchanged with "
+                "their plugs. Name it by serial_number, or by port"
+            )
+            logger.warning("%s", text)
+            yield text
 
 
 def free(link: NdiLink, prepared: Prepared, deadline: float) -> None:
@@ -264,19 +351,26 @@ def _handles(link: NdiLink, which: str, deadline: float) -> Iterator[int]:
 
 
 def _info(link: NdiLink, handle: int, deadline: float) -> PortInfo:
-    """Option 0001 (type 8, manufacturer 12, revision 3, serial number 8, status 2), 0004 (part number 20)."""
+    """Ask for options 0001, 0004 and 0020, whose answers follow one another.
+
+    0001: type 8, manufacturer 12, revision 3, serial number 8, status 2. 0004: part number 20. 0020:
+    device 8, system 1, 0 for a wired tool 1, port 2, channel 2.
+    """
     try:
-        text = link.ask(f"PHINF:{handle:02X}0005", deadline).text
+        text = link.ask(f"PHINF:{handle:02X}0025", deadline).text
     except Refused as refusal:
         logger.info("%s", refusal)
         text = ""
-    digits = text[:2]
+    digits, location = text[:2], text[62:67]
+    is_wired = len(location) == 5 and location.isdigit() and location[0] == "0"
     return PortInfo(
         handle=handle,
         kind=int(digits, 16) if len(digits) == 2 and set(digits) <= set(hexdigits) else 0,
         manufacturer=text[8:20].strip(),
         serial_number=text[23:31].strip(),
         part_number=text[33:53].strip(),
+        port=int(location[1:3]) if is_wired else 0,
+        channel=int(location[3:5]) if is_wired else 0,
     )
 
 

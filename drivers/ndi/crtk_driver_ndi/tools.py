@@ -14,8 +14,8 @@ from rich.table import Table
 from crtk_driver_ndi.config import NdiConfig
 from crtk_driver_ndi.families import FREQUENCIES, TRACK_FREQUENCY
 from crtk_driver_ndi.link import NdiLink, Refused
-from crtk_driver_ndi.rom import TYPES, read_rom
-from crtk_driver_ndi.setup import free, identify, prepare
+from crtk_driver_ndi.rom import LEAST_MARKERS, TYPES, Rom, read_rom
+from crtk_driver_ndi.setup import PortInfo, Prepared, free, identify, prepare
 from crtk_drivers.config import Settings
 from crtk_drivers.plugins import Tool
 
@@ -100,14 +100,27 @@ def scan(config: NdiConfig, options: NoOptions) -> int:
     _OUT.print(f"{prepared.identity.family.product} at {link.where}", markup=False)
     for information in prepared.infos.values():
         _OUT.print(f"\n# {information}", markup=False)
-        key = "part_number" if information.part_number else "serial_number"
-        value = information.part_number or information.serial_number
-        _OUT.print(f'[[tools]]\n{key} = "{value}"', markup=False)
+        _OUT.print("\n".join(("[[tools]]", *_names(information, prepared))), markup=False)
     for problem in prepared.problems:
         _OUT.print(f"\n{problem}", markup=False)
     if not prepared.infos:
         _OUT.print("No wired tool is plugged in; wireless ones come from their .rom files.")
     return 0
+
+
+def _names(information: PortInfo, prepared: Prepared) -> Iterator[str]:
+    """Yield the keys that tell one sensor from all others: no more than it needs."""
+    others = [each for each in prepared.infos.values() if each is not information]
+    for key in ("part_number", "serial_number", "port", "channel"):
+        value = getattr(information, key)
+        if value == "" or (key == "port" and not value):
+            continue
+        alike = [each for each in others if getattr(each, key) == value]
+        if not others or len(alike) < len(others) or key == "part_number":
+            yield f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value}"
+        others = alike
+        if not others:
+            return
 
 
 def rom(config: NdiConfig, options: RomOptions) -> int:
@@ -116,7 +129,7 @@ def rom(config: NdiConfig, options: RomOptions) -> int:
     kind = TYPES.get(found.kind, f"type {found.kind}")
     _OUT.print(
         f"{kind} {found.part_number}, by {found.manufacturer}, revision {found.revision}\n"
-        f"{len(found.markers)} markers, of which {found.least_markers} must be seen, within "
+        f"{_count_of(found)}, of which {found.least_markers} must be seen, within "
         f"{found.largest_error:g} mm and {found.largest_angle}°",
         markup=False,
     )
@@ -125,6 +138,13 @@ def rom(config: NdiConfig, options: RomOptions) -> int:
         table.add_row(str(number), *(f"{value:.3f}" for value in marker))
     _OUT.print(table)
     return 0
+
+
+def _count_of(found: Rom) -> str:
+    count = len(found.markers)
+    if count >= LEAST_MARKERS:
+        return f"{count} markers"
+    return f"{count} sensor{'s' * (count > 1)} (a wired tool of an Aurora)"
 
 
 def beep(config: NdiConfig, options: NoOptions) -> int:

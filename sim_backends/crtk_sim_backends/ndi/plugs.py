@@ -29,13 +29,15 @@ class Sensor(NamedTuple):
 
 
 def sensors_of(wired: str) -> Sequence[Sensor]:
-    """Return the sensors of ``PART,PART*2,?``: a plug each; two channels on one; one without memory.
+    """Return the sensors of ``PART,PART*2,,?``: a plug each; two channels; an empty port; one without memory.
 
     Raises:
         ValueError: a plug is none of these.
     """
     found: list[Sensor] = []
-    for port, each in enumerate(filter(None, wired.split(",")), start=1):
+    for port, each in enumerate(wired.split(","), start=1):
+        if not each:
+            continue
         match = re.fullmatch(r"([^*]{1,20})(\*2)?", each)
         if match is None:
             raise ValueError(f"wired: {each!r} is no part number, nor one with *2 behind it")

@@ -251,7 +251,7 @@ def test_a_slower_track_frequency_loses_nothing(replies: str, set_by: str) -> No
         eventually(lambda: bench.counters["frames"] >= begun + 40, "2 s of frames")
         assert sim.control.status()["step"] == 3
         asked = sim.control.status()["questions"] - asked
-        assert asked / (bench.counters["frames"] - begun) < 8.0
+        assert asked / (bench.counters["frames"] - begun) < 12.0
         assert bench.counters["lost"] <= 2
         assert bench.counters["frame_rate"] == pytest.approx(20.0, rel=0.02)
 
@@ -370,7 +370,7 @@ def test_without_a_tool_nothing_is_tracked(vega: RunningSim) -> None:
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"tools": [{"name": "a", "part_number": "1", "rom": "x"}]}, "one of rom"),
+        ({"tools": [{"name": "a", "part_number": "1", "rom": "x"}]}, "give rom, or part_number"),
         ({"tools": [{"name": "a/b", "part_number": "1"}]}, "a letter first"),
         (
             {"tools": [{"name": "a", "part_number": "1"}, {"name": "a", "part_number": "2"}]},
