@@ -18,6 +18,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from crtk_drivers.device.opening import given_up_by
 from crtk_drivers.engine.cycle import LOOK_AT_IT, Engine
 from crtk_drivers.errors import REPORT, ConnectionFailed, DeviceError, StopUnconfirmed, unexpected
 from crtk_drivers.status.deadman import Deadman
@@ -218,7 +219,8 @@ class BusThread:
         engine, is_first = member.engine, member.reconnect.delay == FIRST_RETRY
         self._is_opening = True
         try:
-            engine.connect(deadline)
+            with given_up_by(self._stopping.is_set):
+                engine.connect(deadline)
         except ConnectionFailed as error:  # the engine tells why
             member.reconnect.failed(time.monotonic())
             logger.debug("%s; next attempt in %.2g s", error.statement, member.reconnect.delay)

@@ -20,11 +20,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Self
 
+from crtk_drivers.device.opening import GIVEN_UP
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError, MissingExtra
 from crtk_drivers.kit import latency
 from crtk_drivers.kit.adapters import BY_ID
 from crtk_drivers.kit.holders import holders, lock_owner
 from crtk_drivers.kit.latency import Latency
+from crtk_drivers.kit.ready import is_ready
 from crtk_drivers.kit.serial_server import OPEN_TIMEOUT, ServerAddress, connect, parse_address
 
 try:
@@ -285,11 +287,10 @@ class SerialPort:
         The wait ends up to 1 ms after the deadline.
 
         Raises:
-            ConnectionLost: it is gone.
+            ConnectionLost: it is gone, or `Device.open` waits and the program ends.
         """
-        left = deadline - self._clock()
         try:
-            self._poll.poll(math.ceil(left * 1000.0) if left > 0.0 else 0)
+            is_ready(self._poll, deadline, self._clock)
             data = os.read(self._fd, _CHUNK)
         except BlockingIOError:
             return b""
@@ -386,6 +387,8 @@ class SerialPort:
     def _lost(self, error: Exception) -> ConnectionLost:
         if self._opened_as is None:
             return ConnectionLost("the port is closed", where=self.where, remedy="Open it.")
+        if getattr(error, "errno", None) == errno.ECANCELED:
+            return ConnectionLost(GIVEN_UP, where=self.where)
         if self._server is not None:
             return ConnectionLost(
                 f"the connection is gone: {error}",

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import select
 import socket
-from typing import Annotated, Final, NamedTuple
+import time
+from typing import Annotated, Any, Final, NamedTuple
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator
+
+from crtk_drivers.kit.ready import is_ready
 
 __all__ = ["OPEN_TIMEOUT", "PortName", "ServerAddress", "connect", "parse_address"]
 
@@ -58,14 +64,34 @@ def connect(address: ServerAddress, timeout: float = OPEN_TIMEOUT) -> socket.soc
     """Return a connection that does not block, delays nothing, and ends rather than deliver late.
 
     Raises:
-        OSError: there is none.
+        OSError: there is none by the end of `timeout`, or it was given up.
     """
-    made = socket.create_connection(address, timeout=timeout)
-    try:
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * GIVE_UP))
-        made.setblocking(False)
-    except OSError:
-        made.close()
-        raise
-    return made
+    deadline = time.monotonic() + timeout
+    failure = OSError(errno.EADDRNOTAVAIL, "it has no address")
+    for family, kind, protocol, _, place in socket.getaddrinfo(*address, type=socket.SOCK_STREAM):
+        made = socket.socket(family, kind, protocol)
+        try:
+            _connect(made, place, deadline)
+        except OSError as error:
+            made.close()
+            failure = error
+            if error.errno in (errno.ECANCELED, errno.ETIMEDOUT):
+                break
+        else:
+            return made
+    raise failure
+
+
+def _connect(made: socket.socket, place: Any, deadline: float) -> None:
+    made.setblocking(False)
+    code = made.connect_ex(place)
+    if code == errno.EINPROGRESS:
+        poll = select.poll()
+        poll.register(made, select.POLLOUT)
+        if not is_ready(poll, deadline):
+            raise TimeoutError(errno.ETIMEDOUT, "timed out")
+        code = made.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+    if code:
+        raise OSError(code, os.strerror(code))
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * GIVE_UP))

@@ -8,16 +8,14 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from typing import Final
 
 from typing_extensions import override
 
+from crtk_drivers.device.opening import is_given_up
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
+from crtk_drivers.kit.ready import is_ready
 
 __all__ = ["ClosedByPeer", "TcpTransport", "UdpTransport"]
-
-_PIECE: Final = 0.05
-"""Seconds after which a wait looks whether it is given up."""
 
 
 class ClosedByPeer(ConnectionLost):
@@ -36,7 +34,8 @@ class _SocketTransport:
         port: its number.
         what: the device or service, for messages.
         remedy: what to do when it cannot be reached.
-        aborted: asked every now and then while something is waited for: whether to give up; beside `abort`.
+        aborted: asked every now and then while something is waited for: whether to give up; beside `abort`,
+            and beside the core, which gives up what `Device.open` waits for when the program ends.
         clock: monotonic seconds.
         send_buffer: bytes, some hundred of the system's own with each datagram, that may wait to be sent: as
             datagrams do for a second while nobody answers for their address. 0: as many as the system lets.
@@ -158,13 +157,10 @@ class _SocketTransport:
     def _wait(self, events: int, deadline: float) -> bool:
         poll = select.poll()
         poll.register(self._peer, events)
-        while not (self._aborted or self._asked()):
-            left = deadline - self._clock()
-            if poll.poll(max(0.0, min(left, _PIECE)) * 1000.0):
-                return True
-            if left <= 0.0:
-                return False
-        raise OSError(errno.ECANCELED, "given up: the driver is being shut down")
+        return is_ready(poll, deadline, self._clock, self._is_given_up)
+
+    def _is_given_up(self) -> bool:
+        return self._aborted or self._asked() or is_given_up()
 
     @property
     def _peer(self) -> socket.socket:

@@ -73,24 +73,44 @@ def listen(
         sock.listen(16)
     except OSError as error:
         sock.close()
-        if error.errno == errno.EADDRINUSE:
-            raise AddressInUseError(
-                f"cannot bind the {name} port {host}:{port}: it is in use, perhaps by another "
-                f"simulator or a vendor simulator that binds every address; `ss -ltnp 'sport = "
-                f":{port}'` names the process. Stop it, or {way_out}."
-            ) from error
-        if error.errno == errno.EACCES:
-            raise SimStartError(
-                f"cannot bind the {name} port {host}:{port}: ports below 1024 need privilege; give "
-                f"another one with {name}_port, run as root, or permit it with `sudo sysctl "
-                f"net.ipv4.ip_unprivileged_port_start={port}`"
-            ) from error
-        raise SimStartError(
-            f"cannot bind the {name} port {host}:{port}: {error.strerror}; choose an address of "
-            "this machine, such as 127.0.0.2 (macOS: `sudo ifconfig lo0 alias 127.0.0.2` first)"
-        ) from error
+        raise _not_bound(error, host, port, name, way_out, "-ltnp") from error
     sock.setblocking(False)
     return sock
+
+
+def bind_udp(
+    host: str, port: int, name: str, way_out: str = "choose another 127.x.y.z address"
+) -> socket.socket:
+    """Open a non-blocking socket for datagrams; arguments and errors are those of `listen`."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.bind((host, port))
+    except OSError as error:
+        sock.close()
+        raise _not_bound(error, host, port, name, way_out, "-lunp") from error
+    sock.setblocking(False)
+    return sock
+
+
+def _not_bound(
+    error: OSError, host: str, port: int, name: str, way_out: str, listed_by: str
+) -> SimStartError:
+    what = f"cannot bind the {name} port {host}:{port}"
+    if error.errno == errno.EADDRINUSE:
+        return AddressInUseError(
+            f"{what}: it is in use, perhaps by another simulator or a vendor simulator that binds "
+            f"every address; `ss {listed_by} 'sport = :{port}'` names the process. Stop it, or "
+            f"{way_out}."
+        )
+    if error.errno == errno.EACCES:
+        return SimStartError(
+            f"{what}: ports below 1024 need privilege; give another one with {name}_port, run as "
+            f"root, or permit it with `sudo sysctl net.ipv4.ip_unprivileged_port_start={port}`"
+        )
+    return SimStartError(
+        f"{what}: {error.strerror}; choose an address of this machine, such as 127.0.0.2 (macOS: "
+        "`sudo ifconfig lo0 alias 127.0.0.2` first)"
+    )
 
 
 def listen_in_files(path: Path) -> socket.socket:

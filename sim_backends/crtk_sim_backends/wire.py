@@ -116,19 +116,30 @@ def chain(
     return chained
 
 
-class _Lane:
-    """Data under way in one direction: order is kept, whatever the delays are."""
+class Lane:
+    """Data under way in one direction: order is kept, whatever the delays are.
 
-    def __init__(self) -> None:
+    Args:
+        joins: whether pieces that arrive at the same time become one, as bytes do and datagrams do not.
+    """
+
+    def __init__(self, *, joins: bool = True) -> None:
+        self._joins = joins
         self._pieces: deque[tuple[float, bytes]] = deque()
         self.size = 0  # bytes
 
     def __len__(self) -> int:
         return len(self._pieces)
 
+    @property
+    def next_due(self) -> float:
+        """When the next piece arrives; there is one."""
+        return self._pieces[0][0]
+
     def put(self, pieces: Pieces, now: float) -> None:
+        """Take pieces, each with the seconds until it arrives."""
         self.size += sum(len(data) for _, data in pieces)
-        if pieces and self._pieces:
+        if self._joins and pieces and self._pieces:
             waiting, held = self._pieces[-1]
             if waiting > now and waiting >= now + pieces[0][0]:
                 self._pieces[-1] = waiting, held + pieces[0][1]  # they arrive together
@@ -139,6 +150,7 @@ class _Lane:
             self._pieces.append((earliest, data))
 
     def take_due(self, now: float) -> list[bytes]:
+        """Return the pieces whose time has come."""
         due = []
         while self._pieces and self._pieces[0][0] <= now:
             due.append(self._pieces.popleft()[1])
@@ -167,8 +179,8 @@ class Connection:
         self._socket = sock
         self._limit = limit
         self._backlog = bytearray()
-        self._incoming = _Lane()
-        self._outgoing = _Lane()
+        self._incoming = Lane()
+        self._outgoing = Lane()
         self._blocked_since: float | None = None
         self.hook: WireHook | None = None
         self.closed = False

@@ -21,6 +21,7 @@ from crtk_sim_backends.kit import (
     Parameter,
     SimStartError,
     TcpDoor,
+    UdpDoor,
 )
 from rigs.waiting import LONG
 
@@ -70,6 +71,7 @@ def running(**options):
             lamp,
             title="Lamp",
             tcp={"lamp": TcpDoor(0, lambda: lamp.session(b"\n"), most=2)},
+            udp={"datagrams": UdpDoor(0, lambda: lamp.session(b"\n"))},
             ttys={"line": lambda: lamp.session(b"\r")},
             gauges=lambda: [
                 {"title": "Light", "unit": "lx", "rate": "", "digits": 1, "gauges": []}

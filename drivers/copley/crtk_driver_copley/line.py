@@ -85,7 +85,7 @@ class Line:
         self._port = SerialPort(config.port, config.baud)
         self._link = MessageLink[Reply](
             self._port,
-            lambda: LineDecoder(parse, end=END, longest=LONGEST, errors="replace"),
+            lambda: LineDecoder(parse, end=END, longest=LONGEST, errors="replace", strict=True),
             _REMEDY,
         )
         self._soon: deque[Exchange] = deque()

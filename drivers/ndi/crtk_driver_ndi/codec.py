@@ -145,7 +145,7 @@ def command(text: str) -> bytes:
 
 def reply_decoder() -> FrameDecoder[Reply]:
     """Return what turns bytes, cut anywhere, into replies. What fails its check is BadData."""
-    return FrameDecoder(_size, _parse)
+    return FrameDecoder(_size, _parse, strict=True)
 
 
 def _size(buffer: bytes) -> int:

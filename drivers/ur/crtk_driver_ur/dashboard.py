@@ -162,4 +162,6 @@ class DashboardClient:
 
 
 def _lines() -> LineDecoder[str]:
-    return LineDecoder(str.strip, longest=LONGEST_LINE, encoding="utf-8", errors="replace")
+    return LineDecoder(
+        str.strip, longest=LONGEST_LINE, encoding="utf-8", errors="replace", strict=True
+    )

@@ -1,8 +1,8 @@
 """What simulators have in common, for those of this distribution and for those of plugins.
 
 A simulator is a `Simulator` (its options, its process, its command line) that serves a `LoopServer`: a
-thread with TCP ports and serial lines, a control door by which faults are injected, a fault player, a clock
-and a page. Behind it is a device of your own (`Device`), which knows of none of these.
+thread with TCP and UDP ports and serial lines, a control door by which faults are injected, a fault player,
+a clock and a page. Behind it is a device of your own (`Device`), which knows of none of these.
 """
 
 from crtk_sim_backends.faults import Fault, FaultKind, KindTable, Parameter
@@ -10,10 +10,11 @@ from crtk_sim_backends.kit.device import Device
 from crtk_sim_backends.kit.fault_desk import FaultDesk
 from crtk_sim_backends.kit.loop import Loop, Ticker
 from crtk_sim_backends.kit.ports import Client, LineSession, Mute, Port, Session
-from crtk_sim_backends.kit.server import LoopServer, TcpDoor
+from crtk_sim_backends.kit.server import LoopServer, TcpDoor, UdpDoor
 from crtk_sim_backends.kit.tcp_server import TcpServer, control_door
 from crtk_sim_backends.kit.tty import Tty
 from crtk_sim_backends.kit.tty_server import TtyServer
+from crtk_sim_backends.kit.udp_server import UdpServer
 from crtk_sim_backends.kit.wire_faults import ALL_PORTS, HOOKS, wire_kinds
 from crtk_sim_backends.options import (
     ConfigError,
@@ -53,6 +54,8 @@ __all__ = [
     "Ticker",
     "Tty",
     "TtyServer",
+    "UdpDoor",
+    "UdpServer",
     "check_choice",
     "check_file",
     "check_port",

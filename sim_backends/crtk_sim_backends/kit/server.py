@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import socket
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -17,12 +18,14 @@ from crtk_sim_backends.kit.loop import Loop, Ticker
 from crtk_sim_backends.kit.ports import Session
 from crtk_sim_backends.kit.tcp_server import TcpServer, control_door
 from crtk_sim_backends.kit.tty_server import TtyServer
+from crtk_sim_backends.kit.udp_server import UdpServer
 from crtk_sim_backends.kit.wire_faults import ALL_PORTS, wire_kinds
 from crtk_sim_backends.options import Options
 from crtk_sim_backends.page import Gauges, Live, Row, Scene, button, fault_row
 from crtk_sim_backends.process import (
     SimStartError,
     bind_somewhere,
+    bind_udp,
     listen,
     listen_in_files,
     prepare_process,
@@ -45,11 +48,26 @@ class TcpDoor(NamedTuple):
     most: int = 64
 
 
+class UdpDoor(NamedTuple):
+    """A UDP port of a device. Who has sent last is its client.
+
+    Attributes:
+        port: its number; 0: any free one.
+        session: makes that of a new client; what it returns is sent as one datagram.
+    """
+
+    port: int
+    session: Callable[[], Session]
+
+
+_Line = TcpServer | TtyServer | UdpServer
+
+
 class LoopServer:
     """A simulator whose ports are bound, for :meth:`crtk_sim_backends.simulator.Simulator.serve`.
 
-    Beside the kinds of fault of its device it has those of :func:`wire_kinds`; a serial line has only
-    ``disconnect`` (it is unplugged) and ``silence``.
+    Beside the kinds of fault of its device it has those of :func:`wire_kinds`, on every kind of line. By
+    ``disconnect`` a serial line is unplugged. A piece of data is what is sent or read at a time: a datagram.
 
     Args:
         config: options.
@@ -57,6 +75,7 @@ class LoopServer:
         device: that is simulated.
         title: of its page.
         tcp: its TCP ports, by name.
+        udp: its UDP ports, by name.
         ttys: what makes the sessions of its serial lines, by name.
         sockets: what makes those of its sockets in the file system, by name; their paths are among `ttys`.
         gauges: what its page shows beside the status of the device.
@@ -64,7 +83,7 @@ class LoopServer:
 
     Attributes:
         host: the loopback address.
-        ports: TCP ports by name, ``control`` among them.
+        ports: TCP and UDP ports by name, ``control`` among them.
         ttys: paths of the serial lines by name.
         paths: of other files by name, which whoever serves it adds.
 
@@ -80,6 +99,7 @@ class LoopServer:
         *,
         title: str,
         tcp: Mapping[str, TcpDoor] | None = None,
+        udp: Mapping[str, UdpDoor] | None = None,
         ttys: Mapping[str, Callable[[], Session]] | None = None,
         sockets: Mapping[str, Callable[[], Session]] | None = None,
         gauges: Callable[[], Sequence[Gauges]] = tuple,
@@ -89,19 +109,20 @@ class LoopServer:
         self._device = device
         self._title = title
         self._tcp = dict(tcp or {})
+        self._udp = dict(udp or {})
         self._lines = dict(ttys or {})
         self._sockets = dict(sockets or {})
         self._gauges = gauges
         self._requests = dict(requests or {})
         self._loop = Loop()
-        self._servers: dict[str, TcpServer | TtyServer] = {}
+        self._servers: dict[str, _Line] = {}
         self.paths: dict[str, str] = {}
         self._closing = ExitStack()
         self._closing.callback(self._loop.close)
         try:
-            choices = (*self._tcp, *self._lines, *self._sockets, ALL_PORTS)
-            has_wires = bool(self._tcp or self._lines or self._sockets)
-            wires = wire_kinds(Parameter(str, ALL_PORTS, choices=choices)) if has_wires else {}
+            lines = (*self._tcp, *self._udp, *self._lines, *self._sockets)
+            port = Parameter(str, ALL_PORTS, choices=(*lines, ALL_PORTS))
+            wires = wire_kinds(port) if lines else {}
             self._kinds = {**wires, **device.kinds}
             self._faults = FaultDesk(
                 self._loop,
@@ -170,17 +191,25 @@ class LoopServer:
             for name, wanted in self._tcp.items():
                 found[name] = listen(host, wanted.port, name)
                 bound.callback(found[name].close)
+            for name, door_of in self._udp.items():
+                found[name] = bind_udp(host, door_of.port, name)
+                bound.callback(found[name].close)
             bound.pop_all()
         control = control_door(self._loop, door, self._handlers())
         self._closing.callback(control.close)
         ports = {CONTROL: control.number}
-        for name, listener in found.items():
-            _, session, most = self._tcp[name]
-            server = TcpServer(self._loop, listener, name, session, most)
+        for name, own in found.items():
+            server = self._serve_port(name, own)
             self._closing.callback(server.close)
             self._servers[name] = server
             ports[name] = server.number
         return ports
+
+    def _serve_port(self, name: str, own: socket.socket) -> TcpServer | UdpServer:
+        if name in self._udp:
+            return UdpServer(self._loop, own, name, self._udp[name].session)
+        _, session, most = self._tcp[name]
+        return TcpServer(self._loop, own, name, session, most)
 
     def _plug_in(self) -> dict[str, str]:
         if not self._lines and not self._sockets:
@@ -213,7 +242,7 @@ class LoopServer:
         for server in self._concerned(fault):
             server.end(fault)
 
-    def _concerned(self, fault: Fault) -> list[TcpServer | TtyServer]:
+    def _concerned(self, fault: Fault) -> list[_Line]:
         if fault.kind in self._device.kinds:
             return []
         wanted = fault.parameters["port"]

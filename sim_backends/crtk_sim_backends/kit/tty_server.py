@@ -7,10 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from crtk_sim_backends.faults import Fault
+from crtk_sim_backends.kit.faulty_line import FaultyLine
 from crtk_sim_backends.kit.loop import Loop
-from crtk_sim_backends.kit.ports import Session
+from crtk_sim_backends.kit.ports import Mute, Session
 from crtk_sim_backends.kit.tty import Tty
 from crtk_sim_backends.process import SimStartError
+from crtk_sim_backends.wire import Direction
 
 log = logging.getLogger(__name__)
 
@@ -31,7 +33,9 @@ class TtyServer:
         self._loop = loop
         self._tty = Tty(link)
         self._make_session = session
-        self._silent = False
+        self._line = FaultyLine(loop, self._take, self._tty.write)
+        self._is_mute = False
+        self._session = self._new_session()
         self._plug()
 
     @property
@@ -51,33 +55,51 @@ class TtyServer:
 
     def send(self, data: bytes, to: Session | None = None) -> None:
         """Send to whoever has it open; what its buffer does not take is lost. It has one session."""
-        if self._tty.plugged and self._tty.clients and not self._silent:
-            self._tty.write(data)
+        if self._tty.plugged and self._tty.clients and not isinstance(self._session, Mute):
+            self._line.carry(Direction.OUT, data)
 
     def begin(self, fault: Fault) -> None:
-        """Let the line be unplugged (disconnect), or lose all that crosses it (silence)."""
+        """Let a fault of the wire begin; by ``disconnect`` the line is unplugged."""
         if fault.kind == "disconnect":
             self._unplug()
-        elif fault.kind == "silence":
-            self._silent = True
+        elif fault.kind == "no_answer":
+            self._be_mute(True)
+        else:
+            self._line.begin(fault)
 
     def end(self, fault: Fault) -> None:
         """Let it end."""
-        if fault.kind == "silence":
-            self._silent = False
-        elif fault.kind == "disconnect":
+        if fault.kind == "disconnect":
             try:
                 self._plug()
             except SimStartError as error:
                 log.error("it stays unplugged: %s", error)
+        elif fault.kind == "no_answer":
+            self._be_mute(False)
+        else:
+            self._line.end(fault)
 
     def close(self) -> None:
         """Take the line away; safe to repeat."""
         self._unplug()
 
+    def _be_mute(self, mute: bool) -> None:
+        """Answer who opens it from now on no more, or again."""
+        self._is_mute = mute
+        if self._tty.plugged and not self._tty.clients:
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._session.close()
+        self._session = self._new_session()
+        self._line.clear()
+
+    def _new_session(self) -> Session:
+        return Mute() if self._is_mute else self._make_session()
+
     def _plug(self) -> None:
         self._tty.plug()
-        self._session = self._make_session()
+        self._begin_anew()
         self._loop.watch(self._tty.fileno(), self._receive)
         if self._tty.openings is not None:
             self._loop.watch(self._tty.openings.fileno(), self._look)
@@ -89,14 +111,15 @@ class TtyServer:
                 self._loop.forget(self._tty.openings.fileno())
             self._tty.unplug()
             self._session.close()
+            self._line.clear()
 
     def _look(self, events: int) -> None:
         self._tty.look()
         if not self._tty.clients:
-            self._session.close()
-            self._session = self._make_session()
+            self._begin_anew()
 
     def _receive(self, events: int) -> None:
-        data = self._tty.read()
-        if data and not self._silent:
-            self.send(self._session.receive(data))
+        self._line.carry(Direction.IN, self._tty.read())
+
+    def _take(self, data: bytes) -> None:
+        self.send(self._session.receive(data))

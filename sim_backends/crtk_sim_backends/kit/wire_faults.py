@@ -1,4 +1,4 @@
-"""The faults that any TCP port of a simulator can have: kinds for its table, and what they do to the data."""
+"""The faults of any line of a simulator, over TCP, UDP or serial: kinds, and what they do to the data."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ HOOKS: Final[Mapping[str, Callable[[_Parameters], wire.WireHook]]] = {
 }
 """Kinds that change the data of a port, by name."""
 
-_KINDS: Final[Mapping[str, tuple[str, Mapping[str, Parameter]]]] = {
+WIRE_KINDS: Final[Mapping[str, tuple[str, Mapping[str, Parameter]]]] = {
     "disconnect": ("connections are closed, and new ones too while it lasts", {}),
     "silence": ("connections stay open (half-open), and nothing is read, sent or accepted", {}),
     "no_answer": ("new connections are accepted and read, but never answered", {}),
@@ -63,6 +63,7 @@ _KINDS: Final[Mapping[str, tuple[str, Mapping[str, Parameter]]]] = {
         {"every": _EVERY, "direction": _DIRECTION},
     ),
 }
+"""What happens to a line, by name: a summary, and parameters. Every kind of line has all of them."""
 
 
 def wire_kinds(port: Parameter, but: Collection[str] = ()) -> KindTable:
@@ -74,6 +75,6 @@ def wire_kinds(port: Parameter, but: Collection[str] = ()) -> KindTable:
     """
     return {
         name: FaultKind(name, summary, {"port": port, **parameters}, lasting=True)
-        for name, (summary, parameters) in _KINDS.items()
+        for name, (summary, parameters) in WIRE_KINDS.items()
         if name not in but
     }

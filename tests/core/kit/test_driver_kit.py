@@ -1,6 +1,7 @@
 """The drivers' kit over real wires: sockets of the system, and what arrives on them cut anywhere."""
 
 import itertools
+import os
 import select
 import socket
 import threading
@@ -8,6 +9,7 @@ import time
 
 import pytest
 
+from crtk_drivers.device.opening import given_up_by
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_drivers.kit import (
     BadData,
@@ -21,6 +23,7 @@ from crtk_drivers.kit import (
     UdpTransport,
     until,
 )
+from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.kit.waiting_steps import LATE_LOOKS
 from rigs.waiting import LONG
 
@@ -166,9 +169,33 @@ def test_where_lines_are_cut_does_not_matter(cut):
 
 
 @pytest.mark.parametrize("data", [b"x\n", b"\xff\n", b"1" * 201])
-def test_what_is_no_line_is_refused(data):
+def test_who_asks_may_have_a_damaged_line_refused(data):
     with pytest.raises(BadData, match="end of line" if len(data) > 200 else r"^b'"):
-        LineDecoder(int).feed(data)
+        LineDecoder(int, strict=True).feed(data)
+
+
+@pytest.mark.parametrize("bad", [b"x\n", b"\xff\n", b"1" * 201 + b"\n"])
+def test_a_damaged_line_is_left_out_and_counted(bad):
+    decoder = LineDecoder(int)
+    assert decoder.feed(b"1\n" + bad + b"2\n") == [1, 2]
+    assert (decoder.damage.total, decoder.damage.in_a_row) == (1, 0)
+
+
+@pytest.mark.parametrize("cut", range(12))
+def test_half_a_line_takes_no_good_one_with_it(cut):
+    decoder = LineDecoder(lambda line: int(line.removeprefix("N ")), end=b"\r\n")
+    data = b"x1\r\nN 2\r\nN 3\r\n"[1:]
+    assert decoder.feed(data[:cut]) + decoder.feed(data[cut:])[-2:] in ([2, 3], [1, 2, 3])
+    decoder = LineDecoder(lambda line: int(line.removeprefix("N ")), end=b"\r\n")
+    assert decoder.feed(b"\nN 2\r\n") == [2], "it began between the two bytes of an end"
+    assert decoder.damage.total == 0
+
+
+def test_a_line_without_an_end_is_forgotten_up_to_the_next_end():
+    decoder = LineDecoder(int, end=b"\r\n", longest=5)
+    found = [number for piece in (b"123456", b"7\r", b"\n8\r\n") for number in decoder.feed(piece)]
+    assert found == [8]
+    assert decoder.damage.last == "6 bytes without an end of line"
 
 
 def test_bytes_that_are_no_text_may_be_replaced():
@@ -195,7 +222,14 @@ def test_what_is_no_frame_is_refused():
     with pytest.raises(BadData, match="no colon"):
         FrameDecoder(size_of, bytes).feed(b"x")
     with pytest.raises(BadData, match="3a 03 78: invalid literal"):
-        FrameDecoder(size_of, lambda frame: int(frame[2:])).feed(b":\x03x")
+        FrameDecoder(size_of, lambda frame: int(frame[2:]), strict=True).feed(b":\x03x")
+
+
+def test_a_damaged_frame_is_left_out_and_counted():
+    decoder = FrameDecoder(size_of, lambda frame: int(frame[2:]))
+    assert decoder.feed(b":\x031:\x03x:\x032") == [1, 2]
+    assert decoder.damage.total == 1
+    assert decoder.damage.last.startswith("3a 03 78: invalid literal")
 
 
 def test_a_link_returns_messages_and_begins_anew(listener, transport):
@@ -213,10 +247,107 @@ def test_a_link_returns_messages_and_begins_anew(listener, transport):
     with second:
         second.sendall(b"4\n")
         assert link.read(soon()) == [4]
-        second.sendall(b"five\n")
-        with pytest.raises(ProtocolError, match=r"it sent b'five'") as caught:
-            link.read(soon())
-        assert caught.value.remedy == "Is it a counter?"
+        second.sendall(b"five\n6\n")
+        assert link.read(soon()) == [6]
+        assert link.damaged == 1
+
+
+@pytest.fixture
+def link(transport):
+    return MessageLink(transport, lambda: LineDecoder(int), "Is it a counter?", lost_after=5)
+
+
+@pytest.fixture
+def counter(listener, link):
+    link.open(soon())
+    peer, _ = listener.accept()
+    with peer:
+        yield peer
+
+
+def test_damaged_records_in_a_row_are_told_then_lost(link, counter):
+    counter.sendall(b"1\nx\nx\n2\n")
+    assert link.read(soon()) == [1, 2]
+    assert not link.notes
+    counter.sendall(b"x\n" * 3)
+    assert link.read(time.monotonic() + 0.02) == []
+    (note,) = link.notes
+    assert note.text == "3 in a row, the last b'x'"
+    counter.sendall(b"3\n")
+    assert link.read(soon()) == [3]
+    assert not link.notes
+    counter.sendall(b"x\n" * 5)
+    with pytest.raises(ProtocolError, match="5 damaged records in a row, the last b'x'") as caught:
+        link.read(soon())
+    assert caught.value.remedy == "Is it a counter?"
+    assert link.counters == {"damaged": 10.0}
+    link.open(soon())
+    assert link.damaged == 10
+    assert not link.notes
+
+
+def test_what_never_ends_a_line_is_lost(link, counter):
+    counter.sendall(b"\x80" * 2000)
+    with pytest.raises(ProtocolError, match="without an end of line"):
+        link.read(soon())
+
+
+def test_the_message_that_is_wanted_is_waited_for(link, counter):
+    counter.sendall(b"ney\n7\n300\n")
+    assert link.await_message(soon(), lambda number: number > 99, ask=b"?") == 300
+    assert counter.recv(8) == b"?"
+
+
+def test_a_question_whose_answer_is_damaged_is_asked_again(link, counter):
+    counter.sendall(b"1\nx\n")
+
+    def answer() -> None:
+        for _ in range(2):
+            assert counter.recv(1) == b"?"
+        counter.sendall(b"300\n")
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    found = link.await_message(soon(), lambda number: number > 99, ask=b"?", again=0.02)
+    thread.join()
+    assert found == 300
+
+
+def test_what_came_in_place_of_the_answer_is_told(link, counter):
+    counter.sendall(b"1\n2\nx\n")
+    with pytest.raises(ConnectionFailed) as caught:
+        link.await_message(time.monotonic() + 0.1, lambda number: number > 99)
+    assert "2 other messages, the last 2 and 1 damaged records, the last b'x'" in str(caught.value)
+
+
+@pytest.mark.parametrize("waits", ["read", "open"])
+def test_what_open_waits_for_is_given_up_by_the_core(waits, transport, peer):
+    """So that no device has to see to it that the program can end."""
+    asked = threading.Event()
+    threading.Timer(0.05, asked.set).start()
+    with given_up_by(asked.is_set):
+        with pytest.raises(ConnectionLost, match="given up"):
+            transport.read(time.monotonic() + 60.0)
+        with pytest.raises(ConnectionFailed, match="given up"):
+            transport.open(time.monotonic() + 60.0)
+    assert transport.open(soon()) is None, "and later ones are not"
+
+
+@pytest.mark.parametrize("kind", ["server", "terminal"])
+def test_a_serial_line_that_open_waits_for_is_given_up(kind, listener):
+    master, slave = os.openpty()
+    host, number = listener.getsockname()
+    name = os.ttyname(slave) if kind == "terminal" else f"socket://{host}:{number}"
+    asked = threading.Event()
+    threading.Timer(0.05, asked.set).start()
+    with SerialPort(name) as port, given_up_by(asked.is_set):
+        with pytest.raises(ConnectionLost, match="given up"):
+            port.read(time.monotonic() + 60.0)
+        if kind == "server":
+            with pytest.raises(ConnectionFailed, match="given up"):
+                port.open(time.monotonic() + 60.0)
+    os.close(master)
+    os.close(slave)
 
 
 def test_a_link_waits_for_the_rest_of_what_it_forgets(listener, transport):

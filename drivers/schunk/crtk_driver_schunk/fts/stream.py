@@ -85,7 +85,7 @@ class FtsStream:
         )
         self._tcp = MessageLink(
             transport,
-            lambda: FrameDecoder(frames.reply_size, frames.parse_reply),
+            lambda: FrameDecoder(frames.reply_size, frames.parse_reply, strict=True),
             "Is it the command port (82) of an FTS box?",
         )
         self.tracker = SequenceTracker(RATES[0])

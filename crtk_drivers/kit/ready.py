@@ -1,0 +1,42 @@
+"""Wait for a file descriptor: by a deadline, and no longer than the program lets a device be opened."""
+
+from __future__ import annotations
+
+import errno
+import select
+import time
+from collections.abc import Callable
+from typing import Final
+
+from crtk_drivers.device.opening import GIVEN_UP, is_given_up
+
+__all__ = ["is_ready"]
+
+_PIECE: Final = 0.05
+"""Seconds after which a wait looks whether it is given up."""
+
+
+def is_ready(
+    poll: select.poll,
+    deadline: float,
+    clock: Callable[[], float] = time.monotonic,
+    given_up: Callable[[], bool] = is_given_up,
+) -> bool:
+    """Return whether what `poll` waits for is there, at the `deadline` of the clock at the latest.
+
+    Args:
+        poll: has what is waited for.
+        deadline: what is there is told also when this is past.
+        clock: seconds.
+        given_up: asked every now and then: whether to wait no longer.
+
+    Raises:
+        OSError: it was given up (ECANCELED).
+    """
+    while not given_up():
+        left = deadline - clock()
+        if poll.poll(1000.0 * max(0.0, min(left, _PIECE))):
+            return True
+        if left <= 0.0:
+            return False
+    raise OSError(errno.ECANCELED, GIVEN_UP)
