@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 from typing_extensions import override
@@ -43,6 +43,28 @@ class Kind(StrEnum):
     ARM = "arm"
     GRIPPER = "gripper"
 
+
+class Link(StrEnum):
+    """By what kinds of lines the device of a template may be connected."""
+
+    SERIAL = "serial"
+    TCP = "tcp"
+    UDP = "udp"
+
+
+VARIANTS: Final = TEMPLATES / "variants"
+"""Files that take the place of those of a template: folders for each kind, by line, and `STREAMS`."""
+
+STREAMS: Final = "streams"
+
+LINKS: Final = {Kind.SENSOR: tuple(Link), Kind.ARM: (Link.TCP,), Kind.GRIPPER: (Link.SERIAL,)}
+"""What there is for each kind, that which is taken where nothing is said first."""
+
+STREAMING: Final = {Kind.SENSOR: (False, True), Kind.ARM: (True,), Kind.GRIPPER: (False,)}
+"""Whether the device sends by itself: what there is for each kind, in the same order."""
+
+_PARTS: Final = ("link.md", "protocol.md")
+"""Parts of a README, which has their names in comments."""
 
 _EXAMPLES: Final = {Kind.SENSOR: "my_scale", Kind.ARM: "my_robot", Kind.GRIPPER: "my_hand"}
 """Names for them that anybody may use."""
@@ -100,23 +122,75 @@ def _new(
             "--directory", "-C", exists=True, file_okay=False, help="Where its folder is made."
         ),
     ] = Path(),
+    link: Annotated[
+        Link | None,
+        typer.Option(help="How a sensor is connected; a serial line if not given."),
+    ] = None,
+    streams: Annotated[
+        bool,
+        typer.Option("--streams", help="The sensor sends by itself; it is not asked each time."),
+    ] = False,
 ) -> None:
     """Write a plugin for a device of your own: driver, simulator and tests to start from, which pass.
 
     A folder crtk-driver-NAME is made; nothing is overwritten. For example: crtk-driver new sensor my_scale
+    or, for a sensor that streams over the network: crtk-driver new sensor my_scale --link udp --streams
     """
     if kind not in tuple(Kind):
         raise _wrong(f"there is no template {kind!r}", kind)
     if context.args:
         raise _wrong(f"too many words: {' '.join(context.args)}", kind)
-    raise typer.Exit(write_plugin(Kind(kind), name, directory))
+    variant = _variant(Kind(kind), link, streams)
+    raise typer.Exit(write_plugin(variant, name, directory))
 
 
-def write_plugin(kind: Kind, name: str, parent: Path) -> int:
+class Variant(NamedTuple):
+    """Which template, and which of its variants."""
+
+    kind: Kind
+    link: Link
+    streams: bool
+
+    @property
+    def folders(self) -> Iterator[Path]:
+        """Where its files are; those of a later folder take the place of others."""
+        yield TEMPLATES / self.kind
+        if self.link is not LINKS[self.kind][0]:
+            yield VARIANTS / self.kind / self.link
+        if self.streams is not STREAMING[self.kind][0]:
+            yield VARIANTS / self.kind / STREAMS
+
+
+def _variant(kind: Kind, link: Link | None, streams: bool) -> Variant:
+    links, streaming = LINKS[kind], STREAMING[kind]
+    if link is not None and link not in links:
+        raise ConfigError(
+            f"there is no template of one with --link {link}",
+            where=f"new {kind}",
+            remedy=f"Leave it out: it has {' or '.join(links)}. README.md says how to change that.",
+        )
+    if streams and True not in streaming:
+        raise ConfigError(
+            "there is no template of one with --streams",
+            where=f"new {kind}",
+            remedy="Leave it out: it is asked once a cycle, and need not send by itself.",
+        )
+    return Variant(kind, link or links[0], streams or streaming[0])
+
+
+def variants() -> Iterator[Variant]:
+    """Yield all that there is to start from."""
+    for kind in Kind:
+        for link in LINKS[kind]:
+            for streams in STREAMING[kind]:
+                yield Variant(kind, link, streams)
+
+
+def write_plugin(variant: Variant, name: str, parent: Path) -> int:
     """Write a plugin into a new folder of `parent`, and say what to do next.
 
     Args:
-        kind: which template.
+        variant: which template.
         name: of the device, as in ``crtk-driver <name>``.
         parent: an existing folder.
 
@@ -132,7 +206,7 @@ def write_plugin(kind: Kind, name: str, parent: Path) -> int:
             remedy="Choose another name, or another folder with --directory.",
         )
     try:
-        for path, text in contents(kind, name):
+        for path, text in contents(variant, name):
             target = folder / path
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_text(text, encoding="utf-8")
@@ -146,13 +220,23 @@ def write_plugin(kind: Kind, name: str, parent: Path) -> int:
     return 0
 
 
-def contents(kind: Kind, name: str) -> Iterator[tuple[str, str]]:
+def contents(variant: Variant, name: str) -> Iterator[tuple[str, str]]:
     """Yield the files of a plugin: path in its folder, and text."""
-    template = TEMPLATES / kind
-    for path in sorted(template.rglob("*")):
-        inside = path.relative_to(template)
-        if path.is_file() and not set(inside.parts) & set(_LEFT_OUT):
-            yield _renamed(str(inside), kind, name), _renamed(path.read_text("utf-8"), kind, name)
+    found: dict[str, str] = {}
+    for folder in variant.folders:
+        for path in sorted(folder.rglob("*")):
+            inside = path.relative_to(folder)
+            if path.is_file() and not set(inside.parts) & set(_LEFT_OUT):
+                found[str(inside)] = path.read_text("utf-8")
+    for part in _PARTS:
+        text = found.pop(part, "").rstrip()
+        found["README.md"] = found["README.md"].replace(f"<!-- {part} -->", text)
+    if Link.SERIAL is not variant.link:
+        found["pyproject.toml"] = found["pyproject.toml"].replace(
+            "crtk-drivers[serial]", "crtk-drivers"
+        )
+    for inside, text in found.items():
+        yield _renamed(inside, variant.kind, name), _renamed(text, variant.kind, name)
 
 
 def _renamed(text: str, kind: Kind, name: str) -> str:

@@ -58,6 +58,7 @@ class DeviceContract:
         reach: the share of a joint's range that a test moves through.
         timeout: seconds that any single wait may take.
         child: name of the device behind that of the session which is tested; that of the session if empty.
+        sim: the simulator, where it was started by the test and not by the session.
     """
 
     tolerance = 5e-3
@@ -65,6 +66,7 @@ class DeviceContract:
     reach = 0.03
     timeout = 10.0
     child = ""
+    sim: Any = None
 
     # --------------------------------------------------------------------- what a subclass provides
 
@@ -83,7 +85,25 @@ class DeviceContract:
     def mend_link(self, session: Session) -> None:
         """Make the device reachable again."""
 
+    def silence(self, session: Session) -> None:
+        """Let the device send nothing, its line as before. Override it where another fault does that."""
+        self.inject(session, "silence")
+
+    def damage(self, session: Session) -> None:
+        """Damage one in ten of the device's records. Override it where another fault does that."""
+        self.inject(session, "corrupt", every=10, direction="out")
+
     # --------------------------------------------------------------------------------- what they use
+
+    def inject(self, session: Session, kind: str, **parameters: Any) -> None:
+        """Let a fault of the simulator begin, and skip the test where there is none such."""
+        sim = session.sim or self.sim
+        if sim is None:
+            pytest.skip("there is no simulator: `session.sim` and `self.sim` are None")
+        try:
+            sim.control.inject(kind, **parameters)
+        except RuntimeError as error:
+            pytest.skip(f"its simulator refuses the fault: {error}")
 
     @pytest.fixture
     def arm(self, session: Session) -> Iterator[LocalDevice]:
@@ -566,6 +586,28 @@ class DeviceContract:
         assert enabled.health().setpoints == setpoints
         self.prepare(session)
         enabled.enable()
+
+    def test_a_damaged_record_costs_no_connection(self, arm: LocalDevice, session: Session) -> None:
+        before = arm.health().reconnects
+        self.damage(session)
+        self.wait_samples(arm, 30)
+        assert arm.health().reconnects == before, arm.operating_state().detail
+        assert arm.operating_state().state is OperatingState.DISABLED
+
+    def test_closing_while_it_connects_in_vain_ends_in_time(
+        self, arm: LocalDevice, session: Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        device, opens = session.engine.device, threading.Event()
+        really_open = device.open
+
+        def noted_open(deadline: float) -> None:
+            opens.set()
+            really_open(deadline)
+
+        monkeypatch.setattr(device, "open", noted_open)
+        self.silence(session)
+        self.until(opens.is_set, "connect again")
+        arm.close()  # raises what did not end
 
     @staticmethod
     def _sample(arm: LocalDevice) -> dict[str, Value]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from crtk_drivers.cli import main
-from crtk_drivers.cli.new_command import TEMPLATES, Kind, contents
+from crtk_drivers.cli.new_command import TEMPLATES, VARIANTS, Kind, Variant, contents, variants
 
 ROOT = Path(__file__).parents[2]
 
@@ -17,11 +17,23 @@ def new(*arguments: object) -> int:
     return main(["new", *map(str, arguments)])
 
 
-@pytest.mark.parametrize("kind", Kind)
+def words_of(variant: Variant) -> list[str]:
+    """Return what is given to the command beside the kind and the name."""
+    if variant.kind is not Kind.SENSOR:
+        return []
+    return ["--link", variant.link, *(["--streams"] if variant.streams else [])]
+
+
+ALL = pytest.mark.parametrize(
+    "variant", [pytest.param(v, id="-".join(map(str, v))) for v in variants()]
+)
+
+
+@ALL
 def test_a_plugin_is_written_with_its_name_throughout(
-    kind: Kind, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    variant: Variant, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert new(kind, "torque_watch2", "-C", tmp_path) == 0
+    assert new(variant.kind, "torque_watch2", "-C", tmp_path, *words_of(variant)) == 0
     folder = tmp_path / "crtk-driver-torque-watch2"
     project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
     assert project["name"] == "crtk-driver-torque-watch2"
@@ -32,7 +44,9 @@ def test_a_plugin_is_written_with_its_name_throughout(
     assert folder / "src" / "crtk_sim_torque_watch2" / "py.typed" in files
     for path in files:
         text = str(path.relative_to(tmp_path)) + path.read_text()
-        assert not [left for left in ("my_", "my-", "MyS", "MyA", "MyG") if left in text], path
+        assert not [left for left in ("my_", "my-", "MyS", "MyA", "MyG", "<!--") if left in text], (
+            path
+        )
     said = capsys.readouterr().out
     for step in (f"'{folder}[test]'", "crtk-driver list torque_watch2", f"pytest {folder}"):
         assert step in said
@@ -40,9 +54,10 @@ def test_a_plugin_is_written_with_its_name_throughout(
 
 def test_every_template_is_a_kind_and_has_what_a_plugin_needs() -> None:
     folders = {path.name for path in TEMPLATES.iterdir() if path.is_dir()}
-    assert folders == set(Kind)
-    for kind in Kind:
-        names = {Path(path).name for path, _ in contents(kind, "x")}
+    assert folders == {*Kind, VARIANTS.name}
+    assert {path.name for path in VARIANTS.iterdir()} == {Kind.SENSOR}
+    for variant in variants():
+        names = {Path(path).name for path, _ in contents(variant, "x")}
         assert {"pyproject.toml", "README.md", "test_contract.py", "protocol.py"} <= names
 
 
@@ -122,9 +137,26 @@ def test_the_help_says_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
         assert kind in said
 
 
-@pytest.mark.parametrize("kind", Kind)
-def test_what_is_written_is_formatted_and_has_no_findings(kind: Kind, tmp_path: Path) -> None:
-    assert new(kind, "my_device", "-C", tmp_path) == 0
+@pytest.mark.parametrize(
+    ("kind", "option", "said"),
+    [
+        ("arm", ["--link", "serial"], "--link serial"),
+        ("gripper", ["--link", "tcp"], "--link tcp"),
+        ("gripper", ["--streams"], "--streams"),
+        ("sensor", ["--link", "usb"], "'usb' is not one of"),
+    ],
+)
+def test_a_variant_that_there_is_not_is_refused(
+    kind: str, option: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert new(kind, "my_device", "-C", tmp_path, *option) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not list(tmp_path.iterdir())
+
+
+@ALL
+def test_what_is_written_is_formatted_and_has_no_findings(variant: Variant, tmp_path: Path) -> None:
+    assert new(variant.kind, "my_device", "-C", tmp_path, *words_of(variant)) == 0
     for command in (["check"], ["format", "--check"]):
         arguments = [sys.executable, "-m", "ruff", *command, "--no-cache", str(tmp_path)]
         done = subprocess.run(arguments, capture_output=True, text=True, timeout=50)

@@ -12,7 +12,6 @@ from crtk_driver_sartorius.protocol import ASK, Weight, decoder
 from crtk_sim_sartorius import SIM
 
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.kit import BadData
 from crtk_drivers.session import Session
 from crtk_drivers.testing.contract import DeviceContract
 
@@ -27,9 +26,10 @@ def test_lines_cut_anywhere(cut: int) -> None:
 
 
 @pytest.mark.parametrize("line", [b"", b"+ 1.0 g", b"+     nan g   ", b"+    1.00 lb  ", b"x\xff"])
-def test_what_is_no_weight_is_refused(line: bytes) -> None:
-    with pytest.raises(BadData):
-        decoder().feed(line + b"\r\n")
+def test_what_is_no_weight_is_left_out_and_counted(line: bytes) -> None:
+    stream = decoder()
+    assert stream.feed(LINES + line + b"\r\n" + LINES) == 2 * WEIGHTS
+    assert stream.damage.total == 1
 
 
 def test_a_tare_is_not_believed_by_a_weight_of_before() -> None:

@@ -23,11 +23,12 @@ from crtk_drivers.device import (
     Device,
     JointLimits,
     Mode,
+    Note,
     Setpoint,
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionFailed, CrtkError, DeviceFault, raise_first
+from crtk_drivers.errors import CrtkError, DeviceFault, raise_first
 from crtk_drivers.kit import MessageLink, TcpTransport
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
@@ -95,17 +96,17 @@ class OneAxisDevice(Device):
     @property
     @override
     def counters(self) -> Mapping[str, float]:
-        return {"reports": float(self._reports)}
+        return {"reports": float(self._reports), **self._link.counters}
+
+    @property
+    @override
+    def notes(self) -> tuple[Note, ...]:
+        return self._link.notes
 
     @override
     def open(self, deadline: float) -> None:
         self._link.open(deadline)
-        if self.read(deadline) is None:
-            raise ConnectionFailed(
-                "it accepts the connection and says nothing",
-                where=self._link.where,
-                remedy=REMEDY,
-            )
+        self._report = self._link.await_message(deadline, ask=KEEP_ALIVE)
 
     @override
     def close(self) -> None:

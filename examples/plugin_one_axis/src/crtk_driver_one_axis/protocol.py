@@ -39,7 +39,7 @@ def parse_report(line: str) -> Report:
     """Return the report of a line.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is damaged.
     """
     kind, position, velocity, powered, *fault = line.split(" ", 4)
     report = Report(float(position), float(velocity), powered == "1", "".join(fault))

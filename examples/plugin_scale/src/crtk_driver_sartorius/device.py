@@ -7,8 +7,8 @@ from typing_extensions import override
 from crtk_driver_sartorius.config import SartoriusConfig
 from crtk_driver_sartorius.protocol import ASK, KG, TARE, Weight, decoder
 from crtk_drivers.commands import Payload
-from crtk_drivers.device import Answer, Capabilities, Reading, Sensor, Service, StopPolicy
-from crtk_drivers.errors import ConnectionFailed, ProtocolError, TransitionFailed
+from crtk_drivers.device import Answer, Capabilities, Note, Reading, Sensor, Service, StopPolicy
+from crtk_drivers.errors import ProtocolError, TransitionFailed
 from crtk_drivers.kit import MessageLink, until
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.samples import Flag, Sample, Stamp, Wrench, vector
@@ -53,11 +53,20 @@ class SartoriusDevice(Sensor):
         at_rest = Reading("whether it is", Payload.FLAG, lambda: Flag(bool(self._newest.unit)))
         return {"at_rest": at_rest}
 
+    @property
+    @override
+    def counters(self) -> Mapping[str, float]:
+        return self._link.counters
+
+    @property
+    @override
+    def notes(self) -> tuple[Note, ...]:
+        return self._link.notes
+
     @override
     def open(self, deadline: float) -> None:
         self._link.open(deadline)
-        if self.read(deadline) is None:
-            raise ConnectionFailed("it does not answer", where=self._link.where, remedy=REMEDY)
+        self._newest = self._link.await_message(deadline, ask=ASK)
 
     @override
     def close(self) -> None:

@@ -1,7 +1,6 @@
 """Known lines, lines cut anywhere, and lines that are none."""
 
 import pytest
-from crtk_drivers.kit import BadData
 
 from crtk_driver_my_arm.protocol import Report, decoder, position_line, velocity_line
 
@@ -29,7 +28,8 @@ def test_where_the_stream_is_cut_does_not_matter(cut: int) -> None:
     "line",
     [b"", b"M", b"M 0 0 0 0 0 0", b"M 0 0 0 0 0 nan 1", b"X 0 0 0 0 0 0 1", b"M 0 0 0 0 0 x 1"],
 )
-def test_what_is_no_report_is_refused(line: bytes) -> None:
-    """Nothing is guessed."""
-    with pytest.raises(BadData):
-        decoder().feed(line + b"\n")
+def test_what_is_no_report_is_left_out_and_counted(line: bytes) -> None:
+    """Nothing is guessed, and the next line counts again."""
+    stream = decoder()
+    assert stream.feed(STREAM + line + b"\n" + STREAM) == 2 * REPORTS
+    assert stream.damage.total == 1

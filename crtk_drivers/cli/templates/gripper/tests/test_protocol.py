@@ -1,7 +1,6 @@
 """Known lines, lines cut anywhere, and lines that are none."""
 
 import pytest
-from crtk_drivers.kit import BadData
 
 from crtk_driver_my_gripper.protocol import Report, decoder, opening_line
 
@@ -24,7 +23,8 @@ def test_where_the_stream_is_cut_does_not_matter(cut: int) -> None:
 @pytest.mark.parametrize(
     "line", [b"", b"G", b"G 1 0 1", b"G nan 0 1 0", b"X 1 0 1 0", b"G \xff 0 1 0"]
 )
-def test_what_is_no_report_is_refused(line: bytes) -> None:
-    """Nothing is guessed."""
-    with pytest.raises(BadData):
-        decoder().feed(line + b"\n")
+def test_what_is_no_report_is_left_out_and_counted(line: bytes) -> None:
+    """Nothing is guessed, and the next line counts again."""
+    stream = decoder()
+    assert stream.feed(STREAM + line + b"\n" + STREAM) == 2 * REPORTS
+    assert stream.damage.total == 1

@@ -25,11 +25,11 @@ class TestMySensor(DeviceContract):
         return open_session("my_sensor", config, sim=True, sim_options={"load": 5.0})
 
     def break_link(self, session: Session) -> None:
-        """The adapter is unplugged."""
+        """Nobody is at the other end any more."""
         control(session).inject("disconnect")
 
     def mend_link(self, session: Session) -> None:
-        """It is plugged in again."""
+        """The sensor is there again."""
         control(session).clear("disconnect")
 
     def test_it_measures_and_tares(self, arm: LocalDevice) -> None:
@@ -45,6 +45,6 @@ class TestMySensor(DeviceContract):
         self.until(arm.state.overload, "tell that it is overloaded")
 
     def test_a_sensor_that_falls_silent_is_lost(self, arm: LocalDevice, session: Session) -> None:
-        """The line stays open, and nothing comes."""
+        """The line is there, and nothing comes."""
         control(session).inject("deaf")
         assert arm.wait_for_operating_state("FAULT", self.timeout)

@@ -1,7 +1,6 @@
 """Known lines, lines cut anywhere, and lines that are none."""
 
 import pytest
-from crtk_drivers.kit import BadData
 
 from crtk_driver_my_sensor.protocol import TARED, Force, decoder
 
@@ -17,7 +16,8 @@ def test_where_the_stream_is_cut_does_not_matter(cut: int) -> None:
 
 
 @pytest.mark.parametrize("line", [b"", b"N", b"N x", b"N nan", b"X 1.0", b"N 1.0 more", b"N \xff"])
-def test_what_is_no_message_is_refused(line: bytes) -> None:
-    """Nothing is guessed."""
-    with pytest.raises(BadData):
-        decoder().feed(line + b"\n")
+def test_what_is_no_message_is_left_out_and_counted(line: bytes) -> None:
+    """Nothing is guessed, and the next line counts again."""
+    stream = decoder()
+    assert stream.feed(b"N 1.0\n" + line + b"\n" + b"N 1.0\n") == 2 * [Force(1.0, False)]
+    assert stream.damage.total == 1

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from crtk_drivers.device import (
     Capabilities,
     Condition,
     Device,
     JointLimits,
     Mode,
+    Note,
     Setpoint,
     Steps,
     StopPolicy,
 )
-from crtk_drivers.errors import ConnectionFailed, CrtkError, DeviceFault, raise_first
+from crtk_drivers.errors import CrtkError, DeviceFault, raise_first
 from crtk_drivers.kit import MessageLink, TcpTransport
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
@@ -91,11 +94,20 @@ class MyArmDevice(Device):
         remedy = "Remove the cause, then enable again."
         return (DeviceFault(self._report.fault, where=self.address, remedy=remedy),)
 
+    @property
+    @override
+    def counters(self) -> Mapping[str, float]:
+        return self._link.counters
+
+    @property
+    @override
+    def notes(self) -> tuple[Note, ...]:
+        return self._link.notes
+
     @override
     def open(self, deadline: float) -> None:
         self._link.open(deadline)
-        if self.read(deadline) is None:
-            raise ConnectionFailed("it says nothing", where=self._link.where, remedy=REMEDY)
+        self._report = self._link.await_message(deadline, ask=KEEP_ALIVE)
 
     @override
     def close(self) -> None:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
-from crtk_drivers.device import Capabilities, Condition, JointLimits, Mode, Steps, StopPolicy
-from crtk_drivers.errors import ConnectionFailed
+from crtk_drivers.device import (
+    Capabilities,
+    Condition,
+    JointLimits,
+    Mode,
+    Note,
+    Steps,
+    StopPolicy,
+)
 from crtk_drivers.kit import MessageLink
 from crtk_drivers.kit.gripping import Doing, GripperDevice, Hand, Measured
 from crtk_drivers.kit.serial_port import SerialPort
@@ -62,12 +69,22 @@ class MyGripperHand(Hand):
     def is_open(self) -> bool:
         return self._report is not None
 
+    @property
+    @override
+    def counters(self) -> Mapping[str, float]:
+        return self._link.counters
+
+    @property
+    @override
+    def notes(self) -> tuple[Note, ...]:
+        return self._link.notes
+
     @override
     def open(self, deadline: float, given_up: Callable[[], bool]) -> None:
         self._report, self._doing, self._is_told = None, Doing.UNKNOWN, True
         self._link.open(deadline)
-        if self.exchange(deadline) is None:
-            raise ConnectionFailed("it does not answer", where=self.where, remedy=REMEDY)
+        self._report = self._link.await_message(deadline, ask=ASK)
+        self._doing = self._does(self._report)
 
     @override
     def close(self, *, moves: bool) -> None:

@@ -1,21 +1,20 @@
-"""The sensor as a device of crtk-drivers."""
+"""The sensor as a device of crtk-drivers: it is asked for each measurement."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from crtk_drivers.commands import Payload
-from crtk_drivers.device import Answer, Capabilities, Reading, Sensor, Service, StopPolicy
-from crtk_drivers.errors import ConnectionFailed, TransitionFailed
+from crtk_drivers.device import Answer, Capabilities, Note, Reading, Sensor, Service, StopPolicy
+from crtk_drivers.errors import TransitionFailed
 from crtk_drivers.kit import MessageLink, until
-from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.samples import Flag, Sample, Stamp, Wrench, vector
 from typing_extensions import override
 
 from crtk_driver_my_sensor.config import MySensorConfig
+from crtk_driver_my_sensor.connection import REMEDY, address, transport
 from crtk_driver_my_sensor.protocol import ASK, TARE, TARED, Force, decoder
 
-REMEDY = "Is the sensor on, and is this its port and its baud rate?"
 TARE_TIMEOUT = 2.0
 """Seconds in which the sensor confirms that it tares."""
 
@@ -25,7 +24,7 @@ class MySensorDevice(Sensor):
 
     def __init__(self, config: MySensorConfig) -> None:
         self._config = config
-        self._link = MessageLink(SerialPort(config.port, config.baud), decoder, REMEDY)
+        self._link = MessageLink(transport(config), decoder, REMEDY)
         self._newest = Force(0.0, False)
         self._tared = False
         self._capabilities = Capabilities(
@@ -43,7 +42,7 @@ class MySensorDevice(Sensor):
     @property
     @override
     def address(self) -> str:
-        return self._config.port
+        return address(self._config)
 
     @property
     @override
@@ -56,11 +55,20 @@ class MySensorDevice(Sensor):
         summary = "whether the load is beyond its range"
         return {"overload": Reading(summary, Payload.FLAG, self._overload)}
 
+    @property
+    @override
+    def counters(self) -> Mapping[str, float]:
+        return self._link.counters
+
+    @property
+    @override
+    def notes(self) -> tuple[Note, ...]:
+        return self._link.notes
+
     @override
     def open(self, deadline: float) -> None:
         self._link.open(deadline)
-        if self.read(deadline) is None:
-            raise ConnectionFailed("it does not answer", where=self._link.where, remedy=REMEDY)
+        self._link.await_message(deadline, lambda found: isinstance(found, Force), ask=ASK)
 
     @override
     def close(self) -> None:

@@ -25,7 +25,7 @@ def decoder() -> LineDecoder[Force | str]:
 
 
 def parse(line: str) -> Force | str:
-    """Return the message of a line; it raises ValueError if it is none."""
+    """Return the message of a line; it raises ValueError if it is damaged."""
     if line == TARED:
         return TARED
     kind, value, *rest = line.split(" ")
