@@ -235,8 +235,8 @@ def contents(variant: Variant, name: str) -> Iterator[tuple[str, str]]:
         found["pyproject.toml"] = found["pyproject.toml"].replace(
             "crtk-drivers[serial]", "crtk-drivers"
         )
-    for inside, text in found.items():
-        yield _renamed(inside, variant.kind, name), _renamed(text, variant.kind, name)
+    for where, text in found.items():
+        yield _renamed(where, variant.kind, name), _renamed(text, variant.kind, name)
 
 
 def _renamed(text: str, kind: Kind, name: str) -> str:

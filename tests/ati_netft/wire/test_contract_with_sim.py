@@ -37,6 +37,10 @@ class TestNetFtWithSim(DeviceContract):
         yield Session(PLUGIN, configuration(self.sim, sample_timeout=1.0, **named))
         self.sim.control.clear()
 
+    def silence(self, session: Session) -> None:
+        """Neither its stream nor its page comes any more."""
+        self.inject(session, "unplugged")
+
     def break_link(self, session: Session) -> None:
         """The cable is pulled out."""
         self.sim.control.inject("unplugged")

@@ -39,6 +39,11 @@ class TestGalil(DeviceContract):
         yield Session(PLUGIN, configuration(self.sim, tracking=self.tracking, joints=keys))
         self.sim.control.clear()
 
+    def silence(self, session: Session) -> None:
+        """It sends no data records, and answers no command."""
+        self.inject(session, "no_records")
+        self.inject(session, "mute")
+
     def break_link(self, session: Session) -> None:
         """The cable is pulled out."""
         self.sim.control.inject("disconnect")

@@ -42,6 +42,11 @@ class TestFts(DeviceContract):
         yield Session(PLUGIN, configuration(shared))
         shared.control.clear()
 
+    def silence(self, session: Session) -> None:
+        """Neither its stream nor an answer comes any more."""
+        self.inject(session, "unplugged")
+        self.inject(session, "silence")
+
     def break_link(self, session: Session) -> None:
         self.sim.control.inject("unplugged")
         self.sim.control.inject("disconnect")
