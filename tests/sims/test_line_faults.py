@@ -237,6 +237,9 @@ def test_what_is_under_way_is_not_for_the_next_client(server, control):
     with client_of(server, "serial") as client:
         client.write(b"old\n")
         control.status()
+    end = time.monotonic() + LONG
+    while control.status()["connections"]["serial"]:
+        assert time.monotonic() < end
     control.clear()
     with client_of(server, "serial") as client:
         client.write(b"new\n")
