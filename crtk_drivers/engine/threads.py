@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from crtk_drivers.device.opening import given_up_by
+from crtk_drivers.device.giving_up import given_up_by
 from crtk_drivers.engine.cycle import LOOK_AT_IT, Engine
 from crtk_drivers.errors import REPORT, ConnectionFailed, DeviceError, StopUnconfirmed, unexpected
 from crtk_drivers.status.deadman import Deadman

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from crtk_drivers.device.opening import GIVEN_UP, is_given_up
+from crtk_drivers.device.giving_up import GIVEN_UP, is_given_up
 
 __all__ = ["is_ready"]
 

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Self
 
-from crtk_drivers.device.opening import GIVEN_UP
+from crtk_drivers.device.giving_up import GIVEN_UP
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError, MissingExtra
 from crtk_drivers.kit import latency
 from crtk_drivers.kit.adapters import BY_ID

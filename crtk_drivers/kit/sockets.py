@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from typing_extensions import override
 
-from crtk_drivers.device.opening import is_given_up
+from crtk_drivers.device.giving_up import is_given_up
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 from crtk_drivers.kit.ready import is_ready
 

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from crtk_drivers.device.opening import given_up_by
+from crtk_drivers.device.giving_up import given_up_by
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_drivers.kit import (
     BadData,
