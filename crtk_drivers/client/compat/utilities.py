@@ -21,7 +21,7 @@ from crtk_drivers.client.inbox import Inbox, Received
 from crtk_drivers.client.ral import Ral
 from crtk_drivers.client.ros_link import Caller, Outbox
 from crtk_drivers.commands import COMMANDS, Command, Direction, Level, Payload
-from crtk_drivers.errors import CommandRefused, DataTimeout, KinematicsError
+from crtk_drivers.errors import CommandRefused, DataTimeout, KinematicsError, Reason
 from crtk_drivers.front.base import PARTS
 from crtk_drivers.front.payloads import value_for
 from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
@@ -399,20 +399,41 @@ class _StateMethods:
         )
 
     def _carry_out(self, command: str, done: Callable[[Status], bool], timeout: float) -> bool:
-        """Send a command; return whether a status that arrives in time says that it is done."""
+        """Send a command; return whether a status that arrives in time says that it is done.
+
+        `enable` waits for a driver that has not reached its device yet, and is then sent again.
+        """
         watch = self._tracker.watch()
         end = time.monotonic() + timeout
+        unreached: CommandRefused | None = None
+        was_lost = False
         try:
             stamp = self._publish(command)
             while True:
                 event = watch.next(max(0.0, end - time.monotonic()))
                 if event is None:
+                    if unreached is not None:
+                        logger.warning("%s", unreached)
                     return self._tracker.has_status and done(self._tracker.latest)
-                if isinstance(event, CommandRefused):
-                    if event.command == "state_command" and event.stamp_ns == stamp:
+                if isinstance(event, Status):
+                    if done(event):
+                        return True
+                    came_back = was_lost and not _is_lost(event)
+                    was_lost = _is_lost(event)
+                    if unreached is not None and came_back:
+                        stamp = self._publish(command)
+                elif event.command == "state_command" and event.stamp_ns == stamp:
+                    if command != "enable" or event.reason is not Reason.NOT_CONNECTED:
                         logger.warning("%s", event)
                         return False
-                elif done(event):
-                    return True
+                    unreached = event
+                    was_lost = not self._tracker.has_status or _is_lost(self._tracker.latest)
+                    if not was_lost:  # it has come back since
+                        stamp = self._publish(command)
         finally:
             self._tracker.unwatch(watch)
+
+
+def _is_lost(status: Status) -> bool:
+    """Whether a driver may be without its device: only in FAULT is it, and DISABLED follows."""
+    return status.state is OperatingState.FAULT

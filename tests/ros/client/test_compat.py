@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 from unittest.mock import patch
 
@@ -17,9 +18,11 @@ import crtk_drivers.client.compat as crtk
 import crtk_drivers.client.compat.v1_4 as crtk14
 from crtk_drivers.client.compat import utilities
 from crtk_drivers.commands import COMMANDS
+from crtk_drivers.engine import Engine
 from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.samples import Pose
-from crtk_drivers.testing.loopback import LoopbackConfig
+from crtk_drivers.session import Session
+from crtk_drivers.testing.loopback import LoopbackConfig, LoopbackDevice
 from rigs.loopback_client import Node
 from rigs.loopback_node import serve
 from rigs.waiting import LONG, eventually
@@ -51,13 +54,16 @@ FEATURES = [
 
 
 @pytest.fixture(scope="module")
-def served() -> Iterator[None]:
-    with serve(LoopbackConfig(), f"/{NAMESPACE}", []), patch.object(utilities, "WAIT", LONG):
-        yield
+def served() -> Iterator[Session]:
+    with (
+        serve(LoopbackConfig(), f"/{NAMESPACE}", []) as (session, _serving),
+        patch.object(utilities, "WAIT", LONG),
+    ):
+        yield session
 
 
 @pytest.fixture
-def ral(served: None) -> Iterator[crtk.ral]:
+def ral(served: Session) -> Iterator[crtk.ral]:
     ral = crtk.ral("compat_test", NAMESPACE)
     yield ral
     ral.shutdown()
@@ -164,6 +170,33 @@ def test_waiting_for_a_refused_move_ends_at_once(ral: crtk.ral) -> None:
     assert not arm.resume(LONG)
 
 
+def test_enable_waits_for_a_device_that_starts_late(ral: crtk.ral, served: Session) -> None:
+    device, engine = served.engine.device, served.engine
+    assert isinstance(device, LoopbackDevice)
+    arm: Any = Arm(ral, crtk14)
+    device.reachable = False
+    try:
+        assert arm.wait_for_operating_state("FAULT", LONG)
+        begin = time.monotonic()
+        assert not arm.enable(0.2), "it is not reached in time"
+        assert time.monotonic() - begin >= 0.2, "it gave up before"
+        before = refused(engine)
+        with ThreadPoolExecutor(1) as pool:
+            enabled = pool.submit(arm.enable, LONG)
+            eventually(lambda: refused(engine) > before, "enable is refused while nothing is there")
+            device.reachable = True
+            assert enabled.result(LONG)
+    finally:
+        device.reachable = True
+    assert arm.is_enabled()
+    assert refused(engine) == before + 1, "it was sent again only once the device was there"
+    assert arm.disable(LONG)
+
+
+def refused(engine: Engine) -> int:
+    return engine.health().refusals.get("state_command: not_connected", 0)
+
+
 def test_what_the_official_client_lacks(ral: crtk.ral) -> None:
     utils = crtk.utils(object.__new__(Arm), ral)
     for name in COMMANDS:
@@ -267,7 +300,7 @@ def test_a_pedal(ral: crtk.ral) -> None:
     eventually(lambda: not pedal.wait(timeout=0.1), "nobody is heard any more")
 
 
-def test_arguments_of_ros_are_taken_off(served: None) -> None:
+def test_arguments_of_ros_are_taken_off(served: Session) -> None:
     rest = crtk.ral.parse_argv(["left", "--ros-args", "-r", "__ns:=/lab"])
     assert rest == ["left"]
     ral = crtk.ral("argued", rest[0])
