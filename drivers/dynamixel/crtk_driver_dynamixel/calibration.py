@@ -206,6 +206,15 @@ def save_calibration(path: Path | str, calibration: Calibration) -> None:
     write_whole(Path(path), head, calibration.model_dump(mode="json"))
 
 
+def configured_calibration(path: str) -> Calibration | None:
+    """Return the calibration that a configuration names by its key; None if it names none.
+
+    Raises:
+        ConfigError: missing, or not such a file; with its line.
+    """
+    return load_calibration(path) if path else None
+
+
 def load_calibration(path: Path | str) -> Calibration:
     """Read what `save_calibration` wrote.
 

@@ -103,6 +103,8 @@ class ChainLink:
         config: buses, times.
         chain: the servos.
         calibration: of the chain, None if it has none.
+        finds_turns: open it only if it can be told which turn each servo is in; else positions are as the
+            servos count, until `Placement.find` is called.
 
     Attributes:
         placement: where the servos are.
@@ -110,9 +112,15 @@ class ChainLink:
     """
 
     def __init__(
-        self, config: DynamixelConfig, chain: Chain, calibration: Calibration | None = None
+        self,
+        config: DynamixelConfig,
+        chain: Chain,
+        calibration: Calibration | None = None,
+        *,
+        finds_turns: bool = True,
     ) -> None:
         self._config = config
+        self._finds_turns = finds_turns
         self.placement = Placement(chain, calibration, config.turns)
         self.states: list[ServoState] = []
         self.health = [_health(servo) for servo in chain.servos]
@@ -271,7 +279,8 @@ class ChainLink:
                 where=self.address,
                 remedy="Set fast_read to false, or raise latency_budget.",
             )
-        self.placement.find(self.states, frame, self.address)
+        if self._finds_turns:
+            self.placement.find(self.states, frame, self.address)
 
     def _close(self) -> None:
         self.placement.close(

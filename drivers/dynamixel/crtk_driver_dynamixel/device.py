@@ -7,14 +7,13 @@ import math
 import threading
 from abc import abstractmethod
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from crtk_driver_dynamixel.calibration import load_calibration
+from crtk_driver_dynamixel.calibration import configured_calibration
 from crtk_driver_dynamixel.chain_link import ChainLink, lost
 from crtk_driver_dynamixel.config import DynamixelConfig, GripperConfig
 from crtk_driver_dynamixel.joints import Chain
@@ -55,7 +54,7 @@ def make_device(config: DynamixelConfig) -> Device:
     Raises:
         ConfigError: the calibration is not of this chain, or a range is out of reach.
     """
-    calibration = load_calibration(Path(config.calibration)) if config.calibration else None
+    calibration = configured_calibration(config.calibration)
     link = ChainLink(config, Chain.of(config, calibration), calibration)
     arm = range(len(config.joints))
     gripper = None

@@ -133,12 +133,20 @@ class Chain:
     _count: Vector
 
     @classmethod
-    def of(cls, config: DynamixelConfig, calibration: Calibration | None = None) -> Chain:
+    def of(
+        cls,
+        config: DynamixelConfig,
+        calibration: Calibration | None = None,
+        *,
+        checks_ranges: bool = True,
+    ) -> Chain:
         """Make the chain of a configuration.
 
         Args:
             config: checked by itself already.
             calibration: found by `calibrate`, or None: every servo is as its offset says.
+            checks_ranges: refuse a range that a servo cannot be sent to. Not for who only reads: before it
+                is calibrated, a chain may stand anywhere.
 
         Raises:
             ConfigError: the calibration is of other servos, or a joint's range is beyond what a servo
@@ -149,7 +157,7 @@ class Chain:
             calibration.check([(s.name, s.bus, s.id, s.units.model.name) for s in servos])
             found = calibration.by_place
             servos = tuple(replace(s, units=found[s.bus, s.id].applied_to(s.units)) for s in servos)
-        if calibration is not None or not config.calibration:
+        if checks_ranges and (calibration is not None or not config.calibration):
             for servo in servos:
                 _check_range(servo)
         joint_of = np.array([servo.joint for servo in servos], dtype=np.int64)

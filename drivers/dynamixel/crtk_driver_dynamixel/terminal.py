@@ -15,8 +15,12 @@ from rich.progress import Progress
 from rich.table import Table
 
 from crtk_driver_dynamixel.bus import Bus
+from crtk_driver_dynamixel.calibration import (
+    Calibration,
+    configured_calibration,
+    save_calibration,
+)
 from crtk_driver_dynamixel.calibration import calibrate as calibration_of
-from crtk_driver_dynamixel.calibration import save_calibration
 from crtk_driver_dynamixel.chain_link import ChainLink
 from crtk_driver_dynamixel.config import MAIN_BUS, BusConfig, DynamixelConfig
 from crtk_driver_dynamixel.joints import Chain
@@ -32,7 +36,8 @@ from crtk_driver_dynamixel.tool_options import (
     ScanOptions,
     numbers,
 )
-from crtk_drivers.errors import ConfigError, ConnectionFailed
+from crtk_driver_dynamixel.turns import Turns, TurnsFile
+from crtk_drivers.errors import ConfigError, ConnectionFailed, CrtkError
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.kit.serial_server import parse_address
 
@@ -191,12 +196,25 @@ def _write(path: Path, found: Sequence[Found], config: DynamixelConfig) -> None:
 
 def info(config: DynamixelConfig, options: InfoOptions) -> int:
     """Print every servo of the chain, and how fast they can be read. Nothing is written to them."""
-    with _opened(config) as link:
+    calibration: Calibration | None = None
+    notes: list[CrtkError] = []
+    try:
+        calibration = configured_calibration(config.calibration)
+    except ConfigError as error:
+        notes.append(error)
+    with _opened(config, calibration, reads_only=True) as link:
+        try:
+            assert link.frame is not None
+            link.placement.find(link.states, link.frame, link.address)
+        except ConnectionFailed as error:
+            notes.append(error)
         began = time.monotonic()
         for _ in range(options.cycles):
             link.exchange()
         lasted = time.monotonic() - began
         _OUT.print(_chain_table(link))
+        for note in notes:
+            _OUT.print(f"rad is not where the joints are: {note}", markup=False, soft_wrap=True)
         _OUT.print(f"{options.cycles / lasted:.0f} readings a second of all {len(link.states)}")
         for remedy in link.remedies:
             _OUT.print(f"latency timer: {remedy}", markup=False, soft_wrap=True)
@@ -239,9 +257,9 @@ def calibrate(config: DynamixelConfig, options: CalibrateOptions) -> int:
             where="calibrate",
             remedy="Give --out, or the key calibration in the configuration.",
         )
-    chain = Chain.of(config.model_copy(update={"calibration": path}))
+    chain = Chain.of(config, checks_ranges=False)
     positions = _pose(options.at, chain.names)
-    with _opened(config.model_copy(update={"calibration": path}), chain) as link:
+    with _opened(config, reads_only=True) as link:
         told = ", ".join(f"{name} {value:g}" for name, value in positions.items())
         if options.ask:
             _OUT.input(f"Put the joints by hand to: {told} (rad). Then press Enter ")
@@ -256,6 +274,8 @@ def calibrate(config: DynamixelConfig, options: CalibrateOptions) -> int:
             in_eeprom=options.eeprom,
         )
     save_calibration(path, found)
+    if config.turns:  # what was kept there counts from another middle
+        TurnsFile(config.turns).save(Turns(clean=True, positions=dict(positions)))
     table = Table("joint", "id", "shift", "homing offset", box=None, pad_edge=False)
     for servo in found.servos:
         table.add_row(servo.joint, str(servo.id), str(servo.shift), str(servo.homing_offset))
@@ -299,7 +319,7 @@ def limits(config: DynamixelConfig, options: LimitsOptions) -> int:
 
     Nothing is written before all servos were found fit for it.
     """
-    with _opened(config) as link:
+    with _opened(config, configured_calibration(config.calibration)) as link:
         wanted: dict[int, list[OwnLimit]] = {}
         for place, state in enumerate(link.states):
             known = own_limits(link.chain, link.chain.servos[place], state.table, state.values)
@@ -366,8 +386,12 @@ def _write_limits(link: ChainLink, place: int, found: Sequence[OwnLimit]) -> Non
 
 
 @contextmanager
-def _opened(config: DynamixelConfig, chain: Chain | None = None) -> Iterator[ChainLink]:
-    link = ChainLink(config, chain or Chain.of(config))
+def _opened(
+    config: DynamixelConfig, calibration: Calibration | None = None, *, reads_only: bool = False
+) -> Iterator[ChainLink]:
+    """Open the link to a chain; with `reads_only` wherever its joints stand."""
+    chain = Chain.of(config, calibration, checks_ranges=not reads_only)
+    link = ChainLink(config, chain, calibration, finds_turns=not reads_only)
     link.open(time.monotonic() + config.open_timeout)
     try:
         yield link

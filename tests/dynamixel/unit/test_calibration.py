@@ -238,3 +238,19 @@ def test_a_joint_outside_of_its_range() -> None:
 
 def test_the_middle_of_the_range_stays_where_it_is() -> None:
     assert turn_shift(Servo(XM, mode=EXTENDED), 2048, -3.0, 3.0) == 0
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-0.6, 1.57), (-3.14, 3.14)])
+def test_any_mounting_is_found_again_after_a_loss_of_power(lower: float, upper: float) -> None:
+    """The ranges of two joints of the Koch leader; the horn is put on at every count of the servo."""
+    family = MODELS["xl330-m077"].family
+    plain = Servo(MODELS["xl330-m077"], mode=EXTENDED)
+    pose = 0.3
+    ends = (lower + 0.01, upper - 0.01)
+    for count in range(family.counts):
+        (found,) = calibrate([(WHO, plain)], [count], [0], [pose]).servos
+        servo = found.applied_to(plain)
+        for position in (pose, *ends):
+            told = (count + round((position - pose) / family.position_unit)) % family.counts
+            turned = servo.position(told - turn_shift(servo, told, lower, upper))
+            assert abs(turned - position) < 2.0 * family.position_unit, (count, position)

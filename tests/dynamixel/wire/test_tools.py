@@ -1,11 +1,13 @@
 """crtk-driver dynamixel scan, info, calibrate and limits, against simulated servos."""
 
 import re
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -13,13 +15,16 @@ from crtk_driver_dynamixel import PLUGIN, chain_link, terminal
 from crtk_driver_dynamixel.bus import Bus
 from crtk_driver_dynamixel.calibration import load_calibration
 from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.turns import Turns, TurnsFile
 from crtk_drivers.cli import main
 from crtk_drivers.config import from_file, from_values, load
+from crtk_drivers.device import Device
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.kit.serial_port import SerialPort
+from crtk_drivers.samples import JointState, Vector
 from crtk_sim_backends.dynamixel import SIM
 from crtk_sim_backends.process import RunningSim
-from rigs.dynamixel_bench import HARMLESS, PATIENT, driver_at
+from rigs.dynamixel_bench import COUNT, HARMLESS, PATIENT, driver_at, opened, place, sim_for
 from rigs.waiting import LONG
 
 IDS = "3-5,9"
@@ -145,6 +150,106 @@ def test_calibrate_says_what_the_driver_refuses(
     assert run("calibrate", *arguments, "{a: -0.15}", "--eeprom") == 0
     told = " ".join(capsys.readouterr().out.split())
     assert "The driver does not start with it yet: the range of joint a (servo 3 on main)" in told
+
+
+KOCH_POSE = {"shoulder_lift": 0.5, "elbow_flex": -0.5, "gripper": 0.3}
+"""Joint positions in which the leader is calibrated, of those that are not 0."""
+
+
+@pytest.fixture(scope="module")
+def koch() -> Iterator[RunningSim]:
+    with sim_for({"arm": "koch_leader"}, timing="none") as running:
+        yield running
+
+
+@pytest.mark.parametrize("first", [0, 1024, 1700, 2730, 3873])
+def test_calibrate_works_from_any_mounting(koch: RunningSim, tmp_path: Path, first: int) -> None:
+    """`first` is the count of the first servo in the pose; the others are a sixth of a turn apart."""
+    counts = [(first + at * 683) % 4096 for at in range(6)]
+    for id, count in enumerate(counts, start=1):
+        place(koch, id, (count - 2048) * COUNT)
+    out, turns = tmp_path / "calibration.yaml", tmp_path / "turns.yaml"
+    (path,) = koch.ttys.values()
+    config = tmp_path / "arm.yaml"
+    values = {"arm": "koch_leader", "buses": {"main": {"port": path}}}
+    config.write_text(yaml.safe_dump(values))
+    given = ("--config", str(config), "--no-ask", "--out", str(out), "--at", str(KOCH_POSE))
+    assert run("calibrate", *given) == 0
+    for more in ({}, {"turns": str(turns)}):
+        with opened(koch, {**PATIENT, **values, **more, "calibration": str(out)}) as device:
+            found = joints_of(device)
+            wanted = [0.0, 0.5, -0.5, 0.0, 0.0]
+            assert np.allclose(found, wanted, atol=COUNT), (counts, found)
+
+
+def joints_of(device: Device) -> Vector:
+    """Where the joints are measured now."""
+    sample = device.read(time.monotonic() + LONG)
+    assert sample is not None
+    joints = sample.values["measured_js"]
+    assert isinstance(joints, JointState)
+    return joints.position
+
+
+def test_calibrate_begins_the_kept_turns_anew(koch: RunningSim, tmp_path: Path) -> None:
+    """What was kept of another mounting would put the joint a whole turn off."""
+    for id in range(1, 7):
+        place(koch, id)
+    out, turns = tmp_path / "calibration.yaml", tmp_path / "turns.yaml"
+    before = dict.fromkeys(("shoulder_pan", "wrist_roll"), 2.0 * np.pi)
+    TurnsFile(turns).save(Turns(clean=True, positions=before))
+    (path,) = koch.ttys.values()
+    config = tmp_path / "arm.yaml"
+    values = {"arm": "koch_leader", "buses": {"main": {"port": path}}, "turns": str(turns)}
+    config.write_text(yaml.safe_dump(values))
+    assert run("calibrate", "--config", str(config), "--no-ask", "--out", str(out)) == 0
+    with opened(koch, {**PATIENT, **values, "calibration": str(out)}) as device:
+        assert np.allclose(joints_of(device), 0.0, atol=COUNT)
+
+
+def test_info_tells_of_servos_before_they_are_calibrated(
+    koch: RunningSim, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for id in range(1, 7):
+        place(koch, id)
+    place(koch, 2, (3873 - 2048) * COUNT)
+    config, out = tmp_path / "arm.yaml", tmp_path / "calibration.yaml"
+    (path,) = koch.ttys.values()
+    values = {"arm": "koch_leader", "buses": {"main": {"port": path}}}
+    config.write_text(yaml.safe_dump(values))
+    assert run("info", "--config", str(config), "--cycles", "1") == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "3873" in told
+    assert "rad is not where the joints are" in told
+    assert run("calibrate", "--config", str(config), "--no-ask", "--out", str(out)) == 0
+    config.write_text(yaml.safe_dump({**values, "calibration": str(out)}))
+    capsys.readouterr()
+    assert run("info", "--config", str(config), "--cycles", "1") == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "rad is not where the joints are" not in told
+    assert re.search(r"shoulder_lift 2 .* 0\.0000 3873", told), "it is told as calibrated"
+
+
+def test_limits_are_those_of_the_calibrated_joint(
+    sim: RunningSim, tty: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The range of ±0.5 rad is ±326 counts around where the joint is calibrated."""
+    place(sim, 3, 0.5)
+    config, out = tmp_path / "arm.yaml", tmp_path / "calibration.yaml"
+    joint = {"id": 3, "model": "xm430-w350", "lower": -0.5, "upper": 0.5}
+    values = {"port": tty, "joints": {"a": joint}}
+    config.write_text(yaml.safe_dump(values))
+    assert run("calibrate", "--config", str(config), "--no-ask", "--out", str(out)) == 0
+    config.write_text(yaml.safe_dump({**values, "calibration": str(out)}))
+    before = registers(sim, 3)
+    capsys.readouterr()
+    try:
+        assert run("limits", "--config", str(config), "--no-write") == 0
+        told = capsys.readouterr().out
+        assert f"min_position_limit {before['min_position_limit']} to {2048 + 326 - 326}" in told
+        assert f"max_position_limit {before['max_position_limit']} to {2048 + 326 + 326}" in told
+    finally:
+        place(sim, 3)
 
 
 LIMITED = {
