@@ -124,12 +124,13 @@ class Following:
 
     Attributes:
         error: one for each joint, in rad (m): how far a joint may be from all that was asked of it in the
-            last `lag` seconds; further away it does not follow, and the device is in FAULT.
+            last `lag` seconds; further away it does not follow, and the device is in FAULT. inf: it may
+            take its time, or stop at what is in its way.
         arrival: the same for the end of a move: nearer than this the joint is there.
         lag: seconds that the hardware takes to carry a setpoint out (transport, smoothing, its own loop).
 
     Raises:
-        ValueError: no number above zero, or not as many of one as of the other.
+        ValueError: not above zero, an arrival that is not finite, or not as many of one as of the other.
     """
 
     error: tuple[float, ...]
@@ -139,9 +140,12 @@ class Following:
     def __post_init__(self) -> None:
         if len(self.error) != len(self.arrival):
             raise ValueError(f"following: {len(self.error)} error, {len(self.arrival)} arrival")
-        for name, values in (("error", self.error), ("arrival", self.arrival)):
-            if not all(0.0 < value < math.inf for value in values):
-                raise ValueError(f"following: {name} must be above zero and finite, not {values}")
+        if not all(value > 0.0 for value in self.error):
+            raise ValueError(f"following: error must be above zero, not {self.error}")
+        if not all(0.0 < value < math.inf for value in self.arrival):
+            raise ValueError(
+                f"following: arrival must be above zero and finite, not {self.arrival}"
+            )
         if not 0.0 <= self.lag < math.inf:
             raise ValueError(f"following: lag must be finite and not negative, not {self.lag}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final, Protocol
 
 import numpy as np
@@ -25,7 +26,11 @@ from crtk_drivers.trajectory.tolerances import Limits
 from crtk_drivers.trajectory.waypoints import JoinedPath
 
 ARRIVAL_TIMEOUT: Final = 10.0
-"""Seconds, at full pace, in which hardware that smooths setpoints must be where a trajectory of ours ends."""
+"""Seconds, at full pace, in which hardware that smooths setpoints must be where a trajectory of ours ends, or
+have come nearer."""
+
+NEARER: Final = 0.99
+"""Of what joints were away from there, all together, at which they have come nearer."""
 
 SETTLING_TIME: Final = 2.0
 """Seconds in which the joints must be measured at the goal of a move that the hardware says it has ended."""
@@ -153,6 +158,8 @@ class StreamedMove(Activity):
         self._goal = order.joints
         self._way = way
         self._ended: float | None = None
+        self._measured = context.feedback.measured_state
+        self._nearest, self._nearer = math.inf, 0.0
         self._last = now - context.cycle  # when the setpoint went out from which it starts
         self._longest = min(2.0 * context.cycle, _WITHIN * context.options.limits.max_step)
         self._time = 0.0
@@ -184,13 +191,22 @@ class StreamedMove(Activity):
         """Return whether the hardware is where it ends, `late` seconds after it should be."""
         assert self._ended is not None
         missing = output.missing(self._goal, self._ended)
-        if late > ARRIVAL_TIMEOUT:
+        if late - self._came_nearer(late) > ARRIVAL_TIMEOUT:
             raise MotionAborted(
                 f"the hardware has not come to rest where {self.name} ends in {ARRIVAL_TIMEOUT:g} s"
                 + (f": {missing}" if missing else ""),
                 remedy="Look at what holds it.",
             )
         return self._device.has_arrived and missing == ""
+
+    def _came_nearer(self, late: float) -> float:
+        """Return when the joints came nearer last, as `late`: hardware may be slower than the plan."""
+        here = self._measured()[0].position
+        if here.size and here.size == self._goal.size:
+            off = float(np.abs(here - self._goal).sum())
+            if off < NEARER * self._nearest:
+                self._nearest, self._nearer = off, late
+        return self._nearer
 
 
 class FollowedPath(StreamedMove):

@@ -20,17 +20,17 @@ class FollowingWatch:
 
     Args:
         capabilities: of the device; without `Capabilities.following` nothing is ever found.
-        error: in rad (m), in place of what the device declares for each joint; None: as declared.
+        error: in rad (m), in place of what the device declares for each joint that it says to follow; None:
+            as declared.
     """
 
     def __init__(self, capabilities: Capabilities, error: float | None = None) -> None:
         following = capabilities.following
         self._joints = capabilities.joints
         self._declared = following is not None
-        count = len(self._joints)
         self._error = [] if following is None else list(following.error)
         if error is not None:
-            self._error = [error] * count
+            self._error = [error if own < math.inf else own for own in self._error]
         self._arrival = [] if following is None else list(following.arrival)
         self._lag = 0.0 if following is None else following.lag + 1.0 / capabilities.rate
         self._sent: deque[tuple[float, list[float]]] = deque()

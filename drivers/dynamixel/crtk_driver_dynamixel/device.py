@@ -19,6 +19,7 @@ from crtk_driver_dynamixel.config import DynamixelConfig, GripperConfig
 from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.motors import Motors
+from crtk_driver_dynamixel.own_profile import move_limits, takes_its_time
 from crtk_driver_dynamixel.part import Part
 from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.units import Counts
@@ -259,6 +260,11 @@ class _ChainDevice(Device):
 
     @property
     @override
+    def has_arrived(self) -> bool:
+        return self.part.has_arrived
+
+    @property
+    @override
     def takes_setpoints(self) -> bool:
         return self.part.takes_setpoints
 
@@ -360,6 +366,7 @@ class _ChainDevice(Device):
             joints=joints,
             joint_units=(unit,) * len(joints),
             limits=limits,
+            move_limits=self._move_limits(limits),
             modes=frozenset(modes),
             estimates=estimates,
             needs_homing=self.part.turning,
@@ -376,6 +383,13 @@ class _ChainDevice(Device):
             velocity_resolution=tuple(self._velocity_steps()),
         )
 
+    def _move_limits(self, limits: tuple[JointLimits, ...]) -> tuple[JointLimits, ...]:
+        """Return the limits of moves, where profiles of the servos' own are slower; else none."""
+        servos = self.part.chain.servos
+        configs = [servo.config for servo in servos if servo.is_first]
+        slower = tuple(map(move_limits, configs, limits))
+        return () if slower == limits else slower
+
     def _velocity_steps(self) -> list[float]:
         """Return what one count of the present velocity is, for each joint, in rad/s (m/s)."""
         chain = self.part.chain
@@ -383,13 +397,14 @@ class _ChainDevice(Device):
         return [abs(step) for step in chain.positions(chain.scaling.velocity.to_si(ones)).tolist()]
 
     def _following(self) -> Following | None:
-        """Return how closely joints follow; None where something may be in their way."""
-        own = list(self._config.joints.values())
-        if isinstance(self, GripperDevice) or any(
-            joint.yields or joint.profile_velocity or joint.profile_acceleration for joint in own
-        ):
+        """Return how closely joints follow; those that take their time are looked at when a move ends.
+
+        None for a gripper: its move ends at its goal, or at what it grips.
+        """
+        if isinstance(self, GripperDevice):
             return None
-        errors = tuple(joint.following_error for joint in own)
+        own = list(self._config.joints.values())
+        errors = tuple(math.inf if takes_its_time(each) else each.following_error for each in own)
         return Following(errors, tuple(joint.arrival for joint in own), LAG)
 
 

@@ -25,6 +25,7 @@ from crtk_driver_dynamixel.joints import Chain
 from crtk_driver_dynamixel.models import OperatingMode
 from crtk_driver_dynamixel.modes import Modes
 from crtk_driver_dynamixel.own_limits import wider
+from crtk_driver_dynamixel.own_profile import Approach
 from crtk_driver_dynamixel.preparation import obstacles, recover, set_up, unheard, unset
 from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.servo_state import Values
@@ -93,6 +94,8 @@ class Part:
         self._is_free = False
         self._stop = threading.Event()
         self._sent = SentGoals(link, self._modes, self.places)
+        configs = [link.chain.servos[place].config for place in self.places]
+        self._approach = Approach(configs, self.places)
 
     @property
     def goals(self) -> Counts | None:
@@ -115,6 +118,18 @@ class Part:
     def takes_setpoints(self) -> bool:
         """Whether a setpoint takes effect at once: no change of mode and no stop is under way."""
         return self._work is None and not self._stop.is_set()
+
+    @property
+    def has_arrived(self) -> bool:
+        """Whether the servos are where they were sent, or stand where something holds them.
+
+        Of those that neither have a profile of their own nor yield the core knows better.
+        """
+        if not self.takes_setpoints:
+            return False
+        if self.kind is not Kind.POSITION or self._is_free:
+            return True
+        return self._approach.has_ended(self._sent.positions)
 
     @property
     def turning(self) -> bool:
@@ -214,6 +229,7 @@ class Part:
 
     def step(self) -> None:
         """Go on with a change of mode or a stop; what fails in it is `trouble` until the next `enable`."""
+        self._approach.look(self._frame, self._sent.positions)
         if self._is_stopping and self._stop.is_set():
             self._stop.clear()
             self._pending = None

@@ -1,6 +1,7 @@
 """Servos that do not do what they are told, and do not say so: reset, blocked, deaf, a turn elsewhere."""
 
 import contextlib
+import math
 
 import pytest
 
@@ -141,7 +142,11 @@ def test_following_is_declared():
         assert bench.session.children["gripper"].device.capabilities.following is None, "it grips"
         slow = {**VALUES, "joints": {"waist": {"profile_velocity": 0.2}}}
         with driver_at(sim, slow, start=False) as other:
-            assert other.device.capabilities.following is None
+            declared = other.device.capabilities
+            assert declared.following.error == (math.inf, *(0.35,) * 5), "it takes its time"
+            assert declared.following.arrival == (0.1,) * 6
+            assert declared.move_limits[0].velocity == 0.2
+            assert declared.move_limits[1:] == declared.limits[1:]
 
 
 # 2: a turn is not lost.
