@@ -70,6 +70,10 @@ else:
 
 logger = logging.getLogger(__name__)
 
+CONNECT_TIMEOUT = 10.0
+"""Seconds that `connect` tries for, unless it is told otherwise."""
+REASON_TIME = 1.0
+"""Seconds beyond `open_timeout` in which the first attempt says why it has failed."""
 LOG_INTERVAL = 2.0
 """Seconds in which a refusal of one kind is logged once."""
 
@@ -511,7 +515,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> LocalDevice:
@@ -521,7 +525,8 @@ def connect(
         device: the name of a plugin: ``ur``, ...
         sim: start a simulator and connect to that.
         config: a configuration, or the path of a TOML or YAML file.
-        timeout: seconds to wait for the connection.
+        timeout: seconds to wait for the connection; None: `open_timeout` where the configuration gives it,
+            else 10.
         sim_options: for the simulator.
         values: single configuration values, over `config`: ``host="192.168.1.10"``.
 
@@ -535,12 +540,18 @@ def connect(
     settings = plugin.load_config(config, values)
     session = open_session(device, settings, sim=sim, sim_options=sim_options)
     arm = LocalDevice(session)
+    patience = 0.0
+    if timeout is None and "open_timeout" in settings.model_fields_set:
+        timeout, patience = settings.open_timeout, REASON_TIME
+    elif timeout is None:
+        timeout = CONNECT_TIMEOUT
     try:
         session.start()
         deadline = time.monotonic() + timeout
         for engine in session.engines:
             left = max(0.0, deadline - time.monotonic())
             if not engine.wait_for(partial(_is_measuring, engine), left):
+                engine.wait_for(partial(_says_why, engine), patience)
                 raise ConnectionFailed(
                     f"{engine.status.cause or 'no sample arrived'}; it was tried for {timeout:g} s",
                     where=engine.where,
@@ -554,3 +565,8 @@ def connect(
 
 def _is_measuring(engine: Engine) -> bool:
     return engine.connected and engine.has_sample
+
+
+def _says_why(engine: Engine) -> bool:
+    """Whether the first attempt to connect has ended, by which it is known why it cannot be."""
+    return not engine.status.connecting

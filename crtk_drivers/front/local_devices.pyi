@@ -3052,7 +3052,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> AtiNetft: ...
@@ -3062,7 +3062,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Canopen: ...
@@ -3072,7 +3072,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Copley: ...
@@ -3082,7 +3082,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Dvrk: ...
@@ -3092,7 +3092,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Dynamixel: ...
@@ -3102,7 +3102,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> ForceDimension: ...
@@ -3112,7 +3112,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Galil: ...
@@ -3122,7 +3122,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Haply: ...
@@ -3132,7 +3132,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Inputs: ...
@@ -3142,7 +3142,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Loopback: ...
@@ -3152,7 +3152,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Ndi: ...
@@ -3162,7 +3162,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Onrobot: ...
@@ -3172,7 +3172,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Openhaptics: ...
@@ -3182,7 +3182,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Optoforce: ...
@@ -3192,7 +3192,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Raven: ...
@@ -3202,7 +3202,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Robotiq: ...
@@ -3212,7 +3212,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> RobotiqEpick: ...
@@ -3222,7 +3222,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> RobotiqFt300: ...
@@ -3232,7 +3232,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Ros2Control: ...
@@ -3242,7 +3242,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Schunk: ...
@@ -3252,7 +3252,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> SchunkFts: ...
@@ -3262,7 +3262,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Ur: ...
@@ -3272,7 +3272,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> Virtual: ...
@@ -3282,7 +3282,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> WeissWsg: ...
@@ -3292,7 +3292,7 @@ def connect(
     *,
     sim: bool = False,
     config: Mapping[str, Any] | str | Path | None = None,
-    timeout: float = 10.0,
+    timeout: float | None = None,
     sim_options: Mapping[str, Any] | None = None,
     **values: Any,
 ) -> LocalDevice:
@@ -3302,7 +3302,8 @@ def connect(
         device: the name of a plugin: ``ur``, ...
         sim: start a simulator and connect to that.
         config: a configuration, or the path of a TOML or YAML file.
-        timeout: seconds to wait for the connection.
+        timeout: seconds to wait for the connection; None: `open_timeout` where the configuration gives it,
+            else 10.
         sim_options: for the simulator.
         values: single configuration values, over `config`: ``host="192.168.1.10"``.
 

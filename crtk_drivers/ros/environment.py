@@ -73,7 +73,14 @@ def check() -> None:
             raise _missing(library)
     if not wheels_installed():
         return
-    if _rclpy_is_sourced():
+    outside = _rclpy_outside()
+    if outside is not None and outside == _wheels_folder():
+        raise ConfigError(
+            f"the rclpy wheels are in {outside}, as by `pip install --user`, where they do not find their "
+            "libraries",
+            remedy="Install into a virtual environment: `python3 -m venv venv`, then `venv/bin/pip install`.",
+        )
+    if outside is not None:
         raise ConfigError(
             "a sourced ROS 2 and the rclpy wheels are both in this environment, and their "
             "libraries would be mixed at random",
@@ -176,8 +183,15 @@ def wheels_installed() -> bool:
     return True
 
 
-def _rclpy_is_sourced() -> bool:
+def _rclpy_outside() -> Path | None:
+    """Return the folder of the rclpy that would be imported; None if it is in this Python environment."""
     spec = find_spec("rclpy")
     if spec is None or spec.origin is None:
-        return False
-    return not Path(spec.origin).resolve().is_relative_to(Path(sys.prefix).resolve())
+        return None
+    folder = Path(spec.origin).resolve().parent.parent
+    return None if folder.is_relative_to(Path(sys.prefix).resolve()) else folder
+
+
+def _wheels_folder() -> Path:
+    """Return the folder that the rclpy wheel was installed into."""
+    return Path(str(distribution("ros-rclpy").locate_file(""))).resolve()

@@ -11,9 +11,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+import crtk_drivers
 from crtk_drivers.device import Steps
 from crtk_drivers.errors import (
     CommandRefused,
+    ConnectionFailed,
     DataTimeout,
     KinematicsError,
     MotionAborted,
@@ -333,3 +335,16 @@ def test_payloads_of_another_kind_are_refused(arm: LocalDevice) -> None:
 def test_ros_is_not_imported() -> None:
     program = "import sys, crtk_drivers; sys.exit('rclpy' in sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True, timeout=100)
+
+
+def test_connect_tries_for_the_open_timeout() -> None:
+    """Without `timeout`, which is 10 s where neither is given."""
+    begin = time.monotonic()
+    joints = {"a": {"id": 1, "model": "xm430-w350"}}
+    with pytest.raises(ConnectionFailed, match=r"it was tried for 0\.5 s"):
+        crtk_drivers.connect("dynamixel", port="/dev/null", joints=joints, open_timeout=0.5)
+    assert time.monotonic() - begin < 8.0
+    with pytest.raises(ConnectionFailed, match=r"it was tried for 0\.2 s"):
+        crtk_drivers.connect(
+            "dynamixel", port="/dev/null", joints=joints, open_timeout=30.0, timeout=0.2
+        )

@@ -105,6 +105,28 @@ def test_wheels_beside_a_sourced_ros_are_refused(
         environment.check()
 
 
+@pytest.mark.skipif(not environment.wheels_installed(), reason="needs the rclpy wheels")
+def test_wheels_outside_an_environment_are_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """`pip install --user` puts rclpy and its wheel into one folder, which is not that of Python."""
+    package = tmp_path / "rclpy"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    about = tmp_path / "ros_rclpy-7.1.1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: ros-rclpy\nVersion: 7.1.1\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = importlib.util.find_spec
+    spec = importlib.util.spec_from_file_location("rclpy", package / "__init__.py")
+    monkeypatch.setattr(environment, "find_spec", lambda n: spec if n == "rclpy" else found(n))
+    with pytest.raises(ConfigError, match=r"pip install --user") as caught:
+        environment.check()
+    assert "venv" in caught.value.remedy
+    assert str(tmp_path) in str(caught.value)
+    assert "sourced" not in str(caught.value)
+
+
 def test_the_core_does_without_ros() -> None:
     """Nothing outside `crtk_drivers.ros` imports rclpy, nor do its `environment` and `names`."""
     modules = (
