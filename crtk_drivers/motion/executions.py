@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final, Protocol
 
 import numpy as np
@@ -13,6 +12,7 @@ from crtk_drivers.device import Capabilities, Mode, MoveProgress, Setpoint
 from crtk_drivers.errors import MotionAborted
 from crtk_drivers.motion.activity import Activity
 from crtk_drivers.motion.arbiter import Order, Path
+from crtk_drivers.motion.arriving import Arriving
 from crtk_drivers.motion.context import MotionContext
 from crtk_drivers.motion.move import Progress, Violated
 from crtk_drivers.motion.output import Output
@@ -29,11 +29,9 @@ ARRIVAL_TIMEOUT: Final = 10.0
 """Seconds, at full pace, in which hardware that smooths setpoints must be where a trajectory of ours ends, or
 have come nearer."""
 
-NEARER: Final = 0.99
-"""Of what joints were away from there, all together, at which they have come nearer."""
-
 SETTLING_TIME: Final = 2.0
-"""Seconds in which the joints must be measured at the goal of a move that the hardware says it has ended."""
+"""Seconds in which the joints must be measured at the goal of a move that the hardware says it has ended, or
+have come nearer."""
 
 _WITHIN: Final = 0.99
 """Of the largest step: it is measured in positions, which are rounded."""
@@ -104,6 +102,7 @@ class NativeMove(Activity):
         self._device = context.device
         self._stopping = context.stopping
         self._joints = order.joints
+        self._arriving = Arriving(context, order.joints)
         self._ended: float | None = None
         self._device.move(order.goal)
 
@@ -119,12 +118,13 @@ class NativeMove(Activity):
         if self._ended is None:
             self._ended = now
         missing = output.missing(self._joints, self._ended)
-        if missing and now - self._ended > SETTLING_TIME:
+        late = now - self._ended
+        if late - self._arriving.came_nearer(late) > SETTLING_TIME and missing:
             raise MotionAborted(
                 f"the hardware says that {self.name} has ended, but {missing}",
                 remedy="Look at what holds it.",
             )
-        return missing == ""
+        return missing == "" and self._arriving.rests(late)
 
 
 class StreamedMove(Activity):
@@ -158,8 +158,7 @@ class StreamedMove(Activity):
         self._goal = order.joints
         self._way = way
         self._ended: float | None = None
-        self._measured = context.feedback.measured_state
-        self._nearest, self._nearer = math.inf, 0.0
+        self._arriving = Arriving(context, order.joints)
         self._last = now - context.cycle  # when the setpoint went out from which it starts
         self._longest = min(2.0 * context.cycle, _WITHIN * context.options.limits.max_step)
         self._time = 0.0
@@ -191,22 +190,13 @@ class StreamedMove(Activity):
         """Return whether the hardware is where it ends, `late` seconds after it should be."""
         assert self._ended is not None
         missing = output.missing(self._goal, self._ended)
-        if late - self._came_nearer(late) > ARRIVAL_TIMEOUT:
+        if late - self._arriving.came_nearer(late) > ARRIVAL_TIMEOUT:
             raise MotionAborted(
                 f"the hardware has not come to rest where {self.name} ends in {ARRIVAL_TIMEOUT:g} s"
                 + (f": {missing}" if missing else ""),
                 remedy="Look at what holds it.",
             )
-        return self._device.has_arrived and missing == ""
-
-    def _came_nearer(self, late: float) -> float:
-        """Return when the joints came nearer last, as `late`: hardware may be slower than the plan."""
-        here = self._measured()[0].position
-        if here.size and here.size == self._goal.size:
-            off = float(np.abs(here - self._goal).sum())
-            if off < NEARER * self._nearest:
-                self._nearest, self._nearer = off, late
-        return self._nearer
+        return self._device.has_arrived and missing == "" and self._arriving.rests(late)
 
 
 class FollowedPath(StreamedMove):

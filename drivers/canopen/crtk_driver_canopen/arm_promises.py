@@ -58,10 +58,12 @@ def _velocity_step(joint: JointConfig) -> float:
 
 def _following(config: CanopenConfig) -> Following | None:
     joints = config.joints.values()
-    if not joints or Way.POSITIONS not in config.ways:
+    if not joints or not {Way.POSITIONS, Way.MOVES}.intersection(config.ways):
         return None
+    is_streamed = Way.POSITIONS in config.ways
     return Following(
-        error=tuple(joint.following for joint in joints),
+        # Moves of the drives' own are sent no positions that could be followed; their end is measured.
+        error=tuple(joint.following if is_streamed else math.inf for joint in joints),
         arrival=tuple(joint.arrives_within for joint in joints),
         lag=LAG + 3.0 * config.period,
     )
