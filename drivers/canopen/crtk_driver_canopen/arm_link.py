@@ -18,7 +18,7 @@ from typing import Final
 from crtk_driver_canopen.axis import Axis, Feedback
 from crtk_driver_canopen.bus import BusAddress, CanLink
 from crtk_driver_canopen.candump import CandumpLog
-from crtk_driver_canopen.commissioning import Prepared, prepare, read_cob_ids
+from crtk_driver_canopen.commissioning import prepare_all, read_cob_ids
 from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
 from crtk_driver_canopen.foreign import SYNC_TEXT, ForeignMaster
@@ -183,25 +183,19 @@ class ArmLink:
             sdo_timeout=config.sdo_timeout,
         )
         self._foreign = ForeignMaster(self._master, config.master_node, config.nodes)
+        self.layout = plan(config)
         if not self.layout.asked:
             self._foreign.watch(self.layout.rpdos.pdos)
         self._foreign_syncs = 0
         self._stops_quickly.clear()
         self._listen(deadline)
         self._master.command(NmtCommand.PRE_OPERATIONAL)
-        if self.layout.asked:
-            self.layout = plan(config, read_cob_ids(self._master, self.layout))
+        told = read_cob_ids(self._master, self.layout) if self.layout.asked else None
+        if told is not None:
+            self.layout = plan(config, told)
             self._foreign.watch(self.layout.rpdos.pdos)
         self.found, self.held = secure(self, config)
-        facts: dict[str, Prepared] = {}
-        for node in config.nodes:
-            if time.monotonic() > deadline:
-                raise ConnectionFailed(
-                    f"the time was over before node {node} was set up",
-                    where=self.where,
-                    remedy="Raise open_timeout.",
-                )
-            facts |= prepare(self._master, config, self.layout, [node])
+        facts, self.layout = prepare_all(self._master, config, self.layout, told, deadline)
         self.axes = [Axis(name, joint, facts[name]) for name, joint in config.joints.items()]
         for axis in self.axes:
             if axis.name in self.held:
@@ -247,6 +241,7 @@ class ArmLink:
             self.master.command_and_wait(NmtCommand.START, nodes, time.monotonic() + NMT_TIME)
         else:
             for node in nodes:
+                self.master.watch.nodes[node].state = None
                 self.master.command(NmtCommand.START, node)
         self.master.watch.restart(time.monotonic())
         self.master.take_events()

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import logging
 import math
+import time
+from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from crtk_driver_canopen.config import MODE_NAMES, CanopenConfig, HomingConfig, JointConfig
@@ -21,9 +23,16 @@ from crtk_driver_canopen.drive_profile import (
     named,
     of_identity,
 )
-from crtk_driver_canopen.heartbeat import ensure_abort_option, ensure_heartbeat
+from crtk_driver_canopen.heartbeat import NodeLife, ensure_abort_option, ensure_heartbeat
 from crtk_driver_canopen.identity import Identity, check_identity, read_identity
-from crtk_driver_canopen.layout import CobIds, Layout
+from crtk_driver_canopen.lacking import (
+    check_changes,
+    ensure_mode,
+    ensure_period,
+    missing_objects,
+    note_missing,
+)
+from crtk_driver_canopen.layout import FEEDBACK, CobIds, Layout, plan
 from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.modes import MODES, OpMode, Way, mode_text, supported
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType
@@ -31,6 +40,7 @@ from crtk_driver_canopen.parameters import write_parameters
 from crtk_driver_canopen.pdo import (
     MOST_PDOS,
     Direction,
+    NotMapped,
     configure,
     disable,
     read_cob_id,
@@ -48,6 +58,7 @@ from crtk_driver_canopen.safeguards import (
     write_speed_limits,
 )
 from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.standard import ROWS, Row
 from crtk_driver_canopen.statemachine import STAYS_IN_QUICK_STOP
 from crtk_driver_canopen.unit_table import UNITS, Quantity, keys_text
 from crtk_driver_canopen.units import (
@@ -55,11 +66,10 @@ from crtk_driver_canopen.units import (
     UnitObjects,
     check_wire,
     home_counts,
-    interpolation_period,
     read_unit_objects,
     resolve,
 )
-from crtk_drivers.errors import ConfigError, DeviceError
+from crtk_drivers.errors import ConfigError, ConnectionFailed, DeviceError
 
 logger = logging.getLogger(__name__)
 
@@ -110,6 +120,7 @@ def prepare(
         WrongDevice: another device than the configured one has a node id.
         PdoMismatch, ObjectIgnored: a drive acknowledged something and does not hold it.
         DeviceError: a drive lacks a mode or an object that is needed.
+        NotMapped: a drive does not let an object be in a PDO; without it in the layout, it may do.
         ConfigError: a file cannot be read, nobody tells the units of a joint, or they are not plausible.
         SdoAborted, SdoSilent, ProtocolError, BusLost: a drive did not answer as it should.
     """
@@ -120,6 +131,48 @@ def prepare(
     return {name: prepared[name] for name in config.joints if name in prepared}
 
 
+def prepare_all(
+    master: Master, config: CanopenConfig, layout: Layout, told: CobIds | None, deadline: float
+) -> tuple[dict[str, Prepared], Layout]:
+    """Make all drives ready, without the feedback that one of them lacks or cannot have in a PDO.
+
+    Args:
+        master: of the open bus.
+        layout: PDOs with all feedback.
+        told: COB-IDs that the drives have, where they count.
+        deadline: monotonic seconds.
+
+    Returns:
+        What is known of each joint, and the PDOs that the drives have.
+
+    Raises:
+        ConnectionFailed: the time was over.
+        DeviceError, ConfigError, SdoSilent, ProtocolError, BusLost: as `prepare`.
+    """
+    facts: dict[str, Prepared] = {}
+    lacks: set[tuple[int, Entry]] = set()
+    nodes = deque(config.nodes)
+    while nodes:
+        node = nodes[0]
+        if time.monotonic() > deadline:
+            raise ConnectionFailed(
+                f"the time was over before node {node} was set up",
+                where=master.link.where,
+                remedy="Raise open_timeout.",
+            )
+        try:
+            facts |= prepare(master, config, layout, [node])
+        except NotMapped as error:
+            lacks.add((node, error.entry))
+            less = plan(config, told, lacks)
+            if less.tpdos.sizes == layout.tpdos.sizes:
+                raise  # it is no feedback, and nothing stands in for it
+            layout = less
+        else:
+            nodes.popleft()
+    return {name: facts[name] for name in config.joints}, layout
+
+
 def _node(
     master: Master, config: CanopenConfig, layout: Layout, node: int, joints: dict[str, JointConfig]
 ) -> dict[str, Prepared]:
@@ -128,6 +181,9 @@ def _node(
     check_identity(identity, next(iter(joints.values())).identity.wanted, sdo.where)
     notes: list[str] = []
     beats = config.heartbeat
+
+    life = master.watch.nodes.setdefault(node, NodeLife(0.0))
+    life.mute = not sdo.has(OBJECTS["producer_heartbeat_time"])
 
     def watch() -> None:
         ensure_heartbeat(
@@ -149,6 +205,7 @@ def _node(
         profile = named(joint.profile) or _by_identity(identity, notes)
         master.profiles[node] = profile
         axis = Sdo(master.sdo(node), joint.axis)
+        note_missing(axis, _unmeasured(config, layout, joint), notes)
         made[name] = _axis(axis, config, name, joint, identity, profile, notes)
     _map(sdo, layout, node)
 
@@ -161,10 +218,19 @@ def _node(
     for name, joint in joints.items():
         # Only one mode, and no PDO that carries it: it is set here, once.
         if len(joint.modes) == 1 and joint.homing is None:
-            Sdo(master.sdo(node), joint.axis).ensure(
-                OBJECTS["mode_of_operation"], joint.op_modes[0], f"Check the modes of {name}."
-            )
+            axis, told = Sdo(master.sdo(node), joint.axis), list(made[name].notes)
+            ensure_mode(axis, name, joint.op_modes[0], told)
+            made[name] = replace(made[name], notes=tuple(told))
     return made
+
+
+def _unmeasured(config: CanopenConfig, layout: Layout, joint: JointConfig) -> list[Row]:
+    """Return what a joint is to measure and does not: its drive has it not, or not in a PDO."""
+    mapped = {entry for pdo in layout.tpdos.pdos if pdo.node == joint.node for entry in pdo.entries}
+    wanted = {FEEDBACK[name] for name in config.feedback}
+    return [
+        row for row in ROWS if row.name in wanted and row.entry.on_axis(joint.axis) not in mapped
+    ]
 
 
 def _watched(config: CanopenConfig, ensure: Callable[[], None], notes: list[str]) -> None:
@@ -188,22 +254,25 @@ def _axis(
     notes: list[str],
 ) -> Prepared:
     modes = _modes(sdo, name, joint, profile)
+    used = set(joint.op_modes) | ({OpMode.HM} if joint.homing is not None else set())
+    lacks = missing_objects(sdo, name, used, _homing_rates(joint.homing))
+    note_missing(sdo, lacks, notes)
+    if len(used) > 1:
+        check_changes(sdo, name)
     write_parameters(sdo, name, joint, notes)
     halts = config.drives_plan or joint.homing is not None
     _watched(config, lambda: ensure_options(sdo, name, joint, notes, halts=halts), notes)
     if joint.abort_option is not None:
         option = joint.abort_option
         _watched(config, lambda: ensure_abort_option(sdo, option), notes)
-    if _CYCLIC & set(joint.op_modes) and sdo.find(OBJECTS["interpolation_period_value"]):
-        value, exponent = interpolation_period(config.period)
-        sdo.ensure(OBJECTS["interpolation_period_value"], value)
-        sdo.ensure(OBJECTS["interpolation_period_exponent"], exponent)
+    if _CYCLIC & set(joint.op_modes) and sdo.has(OBJECTS["interpolation_period_value"]):
+        ensure_period(sdo, config.period)
     drive = read_unit_objects(sdo, profile)
     units = resolve(name, joint, drive)
     check_wire(name, joint, units)
     _note_assumed(config, joint, units, notes)
     notes += check_plausible(sdo, name, joint, units, drive, moves=config.drives_plan)
-    _profile(sdo, name, joint, units, notes, moves=config.drives_plan)
+    _profile(sdo, name, joint, units, moves=config.drives_plan)
     if joint.homing is not None:
         _homing(sdo, name, joint.homing, units, profile)
     if Way.EFFORTS in joint.ways and math.isnan(units.effort):
@@ -312,40 +381,43 @@ def _acceleration_needed(name: str, units: JointUnits) -> ConfigError:
     )
 
 
-def _profile(
-    sdo: Sdo, name: str, joint: JointConfig, units: JointUnits, notes: list[str], *, moves: bool
-) -> None:
+def _profile(sdo: Sdo, name: str, joint: JointConfig, units: JointUnits, *, moves: bool) -> None:
     """Give a drive that makes its own ramps the limits of the joint."""
     if not moves and OpMode.PV not in joint.op_modes:
         return
-    if units.ramp_time is None and math.isnan(units.acceleration_step):
+    ramps = [entry for entry in _RAMPS if sdo.has(OBJECTS[entry])]
+    if ramps and units.ramp_time is None and math.isnan(units.acceleration_step):
         raise _acceleration_needed(name, units)
     rates = ProfileRates.in_units(joint.velocity, joint.acceleration, units)
-    wanted = {
-        "profile_velocity": rates.velocity,
-        "profile_acceleration": rates.acceleration,
-        "profile_deceleration": rates.acceleration,
+    remedy = "Check the limits of the joint against the drive's."
+    if sdo.has(OBJECTS["profile_velocity"]):
+        sdo.ensure(OBJECTS["profile_velocity"], rates.velocity, remedy)
+    for entry in ramps:
+        sdo.ensure(OBJECTS[entry], rates.acceleration, remedy)
+
+
+def _homing_rates(homing: HomingConfig | None) -> dict[str, float]:
+    """Return the rates that are configured, by object."""
+    if homing is None:
+        return {}
+    rates = {
+        "homing_speed_switch": homing.speed_switch,
+        "homing_speed_zero": homing.speed_zero,
+        "homing_acceleration": homing.acceleration,
     }
-    for entry, value in wanted.items():
-        if moves or sdo.find(OBJECTS[entry]) is not None:
-            sdo.ensure(OBJECTS[entry], value, "Check the limits of the joint against the drive's.")
-        elif entry != "profile_velocity":
-            notes.append(f"it has no {entry.replace('_', ' ')}: its ramps are its own")
+    return {name: rate for name, rate in rates.items() if rate is not None}
 
 
 def _homing(
     sdo: Sdo, name: str, homing: HomingConfig, units: JointUnits, profile: DriveProfile
 ) -> None:
     sdo.ensure(OBJECTS["homing_method"], homing.method)
-    rates = {
-        "homing_speed_switch": homing.speed_switch,
-        "homing_speed_zero": homing.speed_zero,
-    }
-    for entry, rate in rates.items():
-        if rate is not None:
-            sdo.ensure(OBJECTS[entry], round(rate / abs(units.velocity)))
-    if homing.acceleration is not None:
-        sdo.ensure(OBJECTS["homing_acceleration"], _homing_ramp(name, homing, units))
+    for entry, rate in _homing_rates(homing).items():
+        if not sdo.has(OBJECTS[entry]):
+            continue
+        is_ramp = entry == "homing_acceleration"
+        counts = _homing_ramp(name, homing, units) if is_ramp else round(rate / abs(units.velocity))
+        sdo.ensure(OBJECTS[entry], counts)
     if homing.position is not None:
         home = profile.home_entry
         if sdo.find(home) is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import Final
 
 from crtk_driver_canopen.drive_profile import LONGEST_NAME, built_in
 from crtk_driver_canopen.eds import DataSheet
@@ -12,41 +12,7 @@ from crtk_driver_canopen.identity import SERVO_PROFILE, Identity
 from crtk_driver_canopen.modes import MODES, TARGETS, OpMode, supported
 from crtk_driver_canopen.objects import OBJECTS, object_text
 from crtk_driver_canopen.pdo import PREDEFINED, Direction
-
-
-class _Lack(NamedTuple):
-    entry: str
-    then: str
-
-
-LACKS: Final = (
-    _Lack("consumer_heartbeat_time", "nothing stops it when it does not hear us: it is refused"),
-    _Lack("producer_heartbeat_time", "only its PDOs tell that it is there"),
-    _Lack("abort_connection_option", "what it does when it does not hear us is its own"),
-    _Lack("error_behaviour", "it goes pre-operational when it does not hear us (CiA 301)"),
-    _Lack("quick_stop_option", "what a quick stop does is its own"),
-    _Lack("halt_option", "how it halts is its own, and `halt_option` is refused"),
-    _Lack("fault_reaction_option", "what it does in a fault is its own"),
-    _Lack(
-        "following_error_window", "it does not watch its following error: only this program does"
-    ),
-    _Lack("position_window", "when it tells that a target is reached is its own"),
-    _Lack("min_position_limit", "it keeps no range of its own: only this program does"),
-    _Lack("max_profile_velocity", "it keeps no greatest velocity by 607Fh"),
-    _Lack("max_motor_speed", "it keeps no greatest speed of the motor"),
-    _Lack("encoder_increments", "give `increments`, or `counts_per_turn` of each joint"),
-    _Lack("gear_motor_revolutions", "give `gear` of each joint"),
-    _Lack("home_offset", "give `home_position`, or no `homing.position`"),
-    _Lack("motor_rated_torque", "give `rated_torque` of each joint that takes efforts"),
-    _Lack("interpolation_period_value", "in cyclic modes it takes the period as it comes"),
-    _Lack(
-        "si_unit_velocity", "velocities are counts a second, unless `velocity_unit` says another"
-    ),
-    _Lack("supported_drive_modes", "the first change of mode tells whether it has it"),
-)
-"""Objects that the driver uses where they are there, and what follows where they are not."""
-
-_NEEDS: Final = ("controlword", "statusword", "mode_of_operation", "mode_of_operation_display")
+from crtk_driver_canopen.standard import EVERY, ROWS
 
 _CYCLIC: Final = {
     OpMode.CSP: "position_offset",
@@ -128,9 +94,6 @@ def _device(objects: _Sheet) -> Iterator[str]:
     kind = objects.told("device_type")
     if kind and kind & 0xFFFF != SERVO_PROFILE:
         yield f"1000h tells device profile {kind & 0xFFFF}, not {SERVO_PROFILE}: it is no drive of CiA 402"
-    for name in _NEEDS:
-        if not objects.has(name):
-            yield f"no {OBJECTS[name]}: this driver cannot use it"
     for name, entry in OBJECTS.items():
         variable = objects.variable(entry.index, entry.sub)
         code = getattr(variable, "data_type", None)
@@ -142,9 +105,17 @@ def _device(objects: _Sheet) -> Iterator[str]:
 
 
 def _missing(objects: _Sheet) -> Iterator[str]:
-    for lack in LACKS:
-        if not objects.has(lack.entry):
-            yield f"no {OBJECTS[lack.entry]}: {lack.then}"
+    modes = supported(objects.told("supported_drive_modes") or 0)
+    for row in ROWS:
+        if objects.has(row.name):
+            continue
+        refused = row.refused(modes)
+        if row.without:
+            yield f"no {row.entry}: {row.without}"
+        elif row.used == EVERY:
+            yield f"no {row.entry}: this driver cannot use it"
+        elif refused:
+            yield f"no {row.entry}: this driver cannot use it in {refused}"
 
 
 def hidden_modes(sheet: DataSheet) -> tuple[OpMode, ...]:

@@ -68,7 +68,7 @@ _REMEDY: Final = (
 )
 
 
-def ensure_heartbeat(sdo: Sdo, *, produced_ms: int, watched: int, watched_ms: int) -> None:
+def ensure_heartbeat(sdo: Sdo, *, produced_ms: int, watched: int, watched_ms: int) -> bool:
     """Make a node produce a heartbeat, and watch that of another node, usually ours.
 
     Args:
@@ -76,16 +76,30 @@ def ensure_heartbeat(sdo: Sdo, *, produced_ms: int, watched: int, watched_ms: in
         watched: node whose heartbeat it is to watch.
         watched_ms: time after which it takes that node for lost; 0: it does not watch.
 
+    Returns:
+        Whether it can produce one: by CiA 301 a node may have node guarding in place of it.
+
     Raises:
+        DeviceError: it has no object for that of another node.
         ObjectIgnored: it acknowledged one of them and holds another value, or it has no room.
         SdoAborted, SdoSilent, ProtocolError: it could not be read or written.
     """
-    sdo.ensure(OBJECTS["producer_heartbeat_time"], produced_ms, _REMEDY)
+    produces = sdo.has(OBJECTS["producer_heartbeat_time"])
+    if produces:
+        sdo.ensure(OBJECTS["producer_heartbeat_time"], produced_ms, _REMEDY)
     entries = sdo.find(OBJECTS["consumer_heartbeat_entries"])
     if not watched_ms and not entries:
-        return
+        return produces
+    if entries is None:
+        raise DeviceError(
+            f"{OBJECTS['consumer_heartbeat_time']}: the node has no such object, so that it cannot watch our "
+            "heartbeat",
+            where=sdo.where,
+            remedy=_REMEDY,
+        )
     wanted = (watched << 16 | watched_ms) if watched_ms else 0
-    sdo.ensure(_consumer_entry(sdo, entries or 0, watched), wanted, _REMEDY)
+    sdo.ensure(_consumer_entry(sdo, entries, watched), wanted, _REMEDY)
+    return produces
 
 
 def _consumer_entry(sdo: Sdo, entries: int, watched: int) -> Entry:
@@ -125,7 +139,7 @@ def ensure_abort_option(sdo: Sdo, option: int) -> None:
             f"{entry.on_axis(sdo.axis)}: the drive has no such object, so '{option_text(0x6007, option)}' "
             "at the loss of the connection cannot be asked for",
             where=sdo.where,
-            remedy=_REMEDY,
+            remedy=f"{_REMEDY} Where its manual says that it stops by itself, give `abort_option: null`.",
         )
     try:
         sdo.ensure(entry, option, _REMEDY)
@@ -145,6 +159,7 @@ class NodeLife:
         seen: monotonic seconds of its last heartbeat or boot-up; None before.
         boot_ups: how many were seen.
         heartbeats: how many were seen.
+        mute: it produces no heartbeat; only its boot-up tells its state.
     """
 
     timeout: float
@@ -152,10 +167,13 @@ class NodeLife:
     seen: float | None = None
     boot_ups: int = 0
     heartbeats: int = 0
+    mute: bool = False
 
     def lost(self, now: float) -> bool:
         """Whether its heartbeat is overdue; never before the first one."""
-        return self.timeout > 0.0 and self.seen is not None and now - self.seen > self.timeout
+        if self.mute or self.seen is None:
+            return False
+        return self.timeout > 0.0 and now - self.seen > self.timeout
 
 
 class HeartbeatWatch:

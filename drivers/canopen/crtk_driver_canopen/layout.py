@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final
 
 from crtk_driver_canopen.busload import BusLoad, check_load, cycle_load
 from crtk_driver_canopen.config import CanopenConfig, JointConfig
@@ -22,7 +24,11 @@ _PREDEFINED = 4
 CobIds = Mapping[tuple[int, Direction, int], int]
 """COB-IDs that drives have, by node, direction and number."""
 
-_FEEDBACK = {"velocity": "velocity_actual", "effort": "torque_actual"}
+FEEDBACK: Final = MappingProxyType({"velocity": "velocity_actual", "effort": "torque_actual"})
+"""The object for each kind of feedback."""
+
+Lacks = Collection[tuple[int, Entry]]
+"""Nodes with objects (of their axis) that cannot be in their PDOs."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +48,14 @@ class Layout:
     asked: tuple[tuple[int, Direction, int], ...] = ()
 
 
-def plan(config: CanopenConfig, told: CobIds | None = None) -> Layout:
+def plan(config: CanopenConfig, told: CobIds | None = None, lacks: Lacks = ()) -> Layout:
     """Return the PDOs of a configuration.
 
     Args:
         config: of the arm.
         told: COB-IDs that the drives have, where they count. None: not known yet, and the layout is one
             for its sizes alone.
+        lacks: feedback that is done without.
 
     The first PDO of each axis has controlword and first target, or statusword and position; with
     homing or more than one mode also the mode. What does not fit follows in a second one.
@@ -63,14 +70,14 @@ def plan(config: CanopenConfig, told: CobIds | None = None) -> Layout:
     rpdos: list[Pdo] = []
     tpdos: list[Pdo] = []
     for name, joint in config.joints.items():
-        out, slow = _receive(joint), _feedback(config)
+        out, slow = _receive(joint), _feedback(config, joint, lacks)
         changes = len(joint.modes) > 1 or joint.homing is not None
         first = ["statusword", "position_actual"]
         if changes:
             first.append("mode_of_operation_display")
         rpdos += makers[Direction.RECEIVE].make(name, joint, [out])
         every = config.feedback_every
-        parts = [[*first, *slow]] if every == 1 else [first, slow]
+        parts = [[*first, *slow]] if every == 1 or not slow else [first, slow]
         made = makers[Direction.TRANSMIT].make(name, joint, parts)
         tpdos += [made[0], *(replace(pdo, transmission=every) for pdo in made[1:])]
     asked = tuple(which for maker in makers.values() for which in maker.asked)
@@ -96,8 +103,9 @@ def _receive(joint: JointConfig) -> list[str]:
     return ["controlword", targets[0], *(["mode_of_operation"] if changes else []), *targets[1:]]
 
 
-def _feedback(config: CanopenConfig) -> list[str]:
-    return [_FEEDBACK[name] for name in dict.fromkeys(config.feedback)]
+def _feedback(config: CanopenConfig, joint: JointConfig, lacks: Lacks) -> list[str]:
+    names = [FEEDBACK[name] for name in dict.fromkeys(config.feedback)]
+    return [n for n in names if (joint.node, OBJECTS[n].on_axis(joint.axis)) not in lacks]
 
 
 class _Maker:

@@ -165,7 +165,8 @@ class Master:
     def command_and_wait(self, command: NmtCommand, nodes: Iterable[int], deadline: float) -> None:
         """Send an NMT command to each node, and wait until each tells the state it leads to.
 
-        Only a node that produces a heartbeat tells; a reset is told by the boot-up.
+        Only a node that produces a heartbeat tells, and the others are not waited for; a reset is told by the
+        boot-up.
 
         Args:
             deadline: monotonic seconds.
@@ -184,7 +185,7 @@ class Master:
         def followed(node: int) -> bool:
             if wanted is None:
                 return lives[node].boot_ups > booted[node]
-            return lives[node].state == wanted
+            return lives[node].mute or lives[node].state == wanted
 
         if self.poll(deadline, lambda: all(map(followed, lives))):
             return

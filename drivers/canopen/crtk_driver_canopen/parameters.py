@@ -38,13 +38,14 @@ def write_parameters(sdo: Sdo, name: str, joint: JointConfig, notes: list[str]) 
         sdo: of its axis.
         name: of the joint.
         joint: its configuration.
-        notes: which lines of the DCF were left out, in words.
+        notes: which lines of the DCF were left out, and what cannot be read back, in words.
 
     Raises:
         ConfigError: the EDS or DCF cannot be read, or an object is no whole number.
         ObjectIgnored, SdoAborted, SdoSilent, ProtocolError: the drive does not take a value.
     """
     sheet = eds.load(joint.eds, joint.node) if joint.eds else None
+    unread: list[str] = []
     remedy = f"Correct the parameters of joint {name}, or its DCF."
     if sheet is not None:
         for repair in sheet.repairs:
@@ -59,10 +60,16 @@ def write_parameters(sdo: Sdo, name: str, joint: JointConfig, notes: list[str]) 
         for entry, value in sheet.values():
             if entry.index in _OURS or is_command(entry.index) or not isinstance(value, int):
                 continue
-            whole.ensure(entry, value, remedy)
+            if not whole.ensure(entry, value, remedy):
+                unread.append(object_text(entry.index, entry.sub))
     for text, value in joint.parameters.items():
         entry = _entry(sdo, name, text, sheet)
-        sdo.ensure(entry, _fitting(entry, value), remedy)
+        if not sdo.ensure(entry, _fitting(entry, value), remedy):
+            unread.append(object_text(entry.index, entry.sub))
+    if unread:
+        notes.append(
+            f"written, but not read back, for they can only be written: {', '.join(unread)}"
+        )
 
 
 def _entry(sdo: Sdo, name: str, text: str, sheet: DataSheet | None) -> Entry:

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 from typing_extensions import override
 
 from crtk_driver_canopen.objects import Entry, ObjectType, object_text
-from crtk_driver_canopen.sdo import MISSING, Sdo, SdoAborted
+from crtk_driver_canopen.sdo import MISSING, Sdo, SdoAborted, abort_text
 from crtk_drivers.errors import ConfigError, DeviceError, ProtocolError
 
 
@@ -53,6 +53,8 @@ _NOT_VALID: Final = 1 << 31
 _NO_RTR: Final = 1 << 30
 _EXTENDED: Final = 1 << 29
 _ID: Final = 0x7FF
+_NO_MAPPING: Final = MISSING | {0x06040041}
+"""Abort codes of a mapping that say that the object is not there, or cannot be mapped."""
 
 
 def default_cob_id(direction: Direction, number: int, node: int) -> int:
@@ -237,6 +239,23 @@ class PdoMismatch(DeviceError):
     """A node does not hold the PDO that was written into it."""
 
 
+class NotMapped(SdoAborted):
+    """A node lacks an object, or does not let it be in a PDO.
+
+    Attributes:
+        entry: the object, of its axis.
+    """
+
+    def __init__(self, pdo: Pdo, entry: Entry, error: SdoAborted) -> None:
+        super().__init__(
+            f"{entry} cannot be in {pdo}: {abort_text(error.code)} (abort 0x{error.code:08x})",
+            where=error.where,
+            remedy="This driver needs it in a PDO. Check in the manual of the drive what can be mapped.",
+            code=error.code,
+        )
+        self.entry = entry
+
+
 class _Parameter(NamedTuple):
     """One value of a PDO's parameters, and what it should be."""
 
@@ -324,14 +343,20 @@ def configure(sdo: Sdo, pdo: Pdo) -> bool:
 
     Raises:
         PdoMismatch: the node acknowledged the PDO and holds another one.
+        NotMapped: an object cannot be in it.
         SdoAborted, SdoSilent, ProtocolError: it could not be read or written.
     """
     if not read_back(sdo, pdo):
         return False
     disable(sdo, pdo.node, pdo.direction, pdo.number, always=True)
     sdo.write(_count(pdo), 0)
-    for row in _mapped(pdo):
-        sdo.write(row.entry, row.wanted)
+    for row, entry in zip(_mapped(pdo), pdo.entries, strict=True):
+        try:
+            sdo.write(row.entry, row.wanted)
+        except SdoAborted as error:
+            if error.code in _NO_MAPPING:
+                raise NotMapped(pdo, entry, error) from error
+            raise
     sdo.write(_count(pdo), len(pdo.entries))
     for row in _timing(pdo):
         if row.entry.sub > 2 and (sdo.find(row.entry) or 0) == row.wanted:

@@ -83,10 +83,10 @@ class ProfileRates(NamedTuple):
             SdoAborted, SdoSilent, ProtocolError: the drive does not take one.
         """
         if before is None or before.velocity != self.velocity:
-            sdo.write(OBJECTS["profile_velocity"], self.velocity)
+            sdo.offer(OBJECTS["profile_velocity"], self.velocity)
         if before is None or before.acceleration != self.acceleration:
-            sdo.write(OBJECTS["profile_acceleration"], self.acceleration)
-            sdo.write(OBJECTS["profile_deceleration"], self.acceleration)
+            sdo.offer(OBJECTS["profile_acceleration"], self.acceleration)
+            sdo.offer(OBJECTS["profile_deceleration"], self.acceleration)
 
 
 def shared_rates(

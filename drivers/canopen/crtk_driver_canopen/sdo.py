@@ -52,6 +52,9 @@ ABORTS: Final[Mapping[int, str]] = MappingProxyType(
 MISSING: Final = frozenset({0x06020000, 0x06090011})
 """Abort codes that say that there is no such object."""
 
+WRITE_ONLY: Final = frozenset({0x06010000, 0x06010001})
+"""Abort codes of a read that say that the object can only be written."""
+
 
 def abort_text(code: int) -> str:
     """Return what an abort code says."""
@@ -181,6 +184,35 @@ class Sdo:
                 return None
             raise
 
+    def has(self, entry: Entry) -> bool:
+        """Return whether the node has an object, whether it can be read or not.
+
+        Raises:
+            SdoAborted, SdoSilent: neither was said.
+        """
+        entry = entry.on_axis(self.axis)
+        try:
+            self.port.upload(entry.index, entry.sub)
+        except SdoAborted as error:
+            if error.code not in MISSING | WRITE_ONLY:
+                raise
+            return error.code in WRITE_ONLY
+        return True
+
+    def offer(self, entry: Entry, value: int) -> bool:
+        """Write a whole-number object if the node has it; return whether it does.
+
+        Raises:
+            SdoAborted, SdoSilent, ConfigError: as `write`.
+        """
+        try:
+            self.write(entry, value)
+        except SdoAborted as error:
+            if error.code not in MISSING:
+                raise
+            return False
+        return True
+
     def write(self, entry: Entry, value: int) -> None:
         """Write a whole-number object.
 
@@ -199,15 +231,24 @@ class Sdo:
             ) from error
         self.port.download(entry.index, entry.sub, data)
 
-    def ensure(self, entry: Entry, value: int, remedy: str = "") -> None:
+    def ensure(self, entry: Entry, value: int, remedy: str = "") -> bool:
         """Make an object hold `value`: write it unless it does already, and read it back.
+
+        Returns:
+            Whether it holds the value; False where it can only be written, which nobody can check.
 
         Raises:
             ObjectIgnored: the node acknowledged it and holds another value.
             SdoAborted, SdoSilent, ProtocolError: it could not be read or written.
         """
-        if self.read(entry) == value:
-            return
+        try:
+            if self.read(entry) == value:
+                return True
+        except SdoAborted as error:
+            if error.code not in WRITE_ONLY:
+                raise
+            self.write(entry, value)
+            return False
         self.write(entry, value)
         found = self.read(entry)
         if found != value:
@@ -216,3 +257,4 @@ class Sdo:
                 where=self.where,
                 remedy=remedy or "Check in the manual of the drive what the object accepts.",
             )
+        return True

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from crtk_sim_backends.canopen.dictionary import Key, Object, OfNode, Variable
-from crtk_sim_backends.canopen.homing import METHODS
 from crtk_sim_backends.canopen.objects import (
     AXIS_STRIDE,
     COUNTS,
@@ -31,18 +30,22 @@ from crtk_sim_backends.options import ConfigError
 _SERVO: Final = 0x0192  # device profile in 1000
 _AXES: Final = range(0x6000, 0x6000 + MOST_AXES * AXIS_STRIDE)
 
-_ALWAYS: Final = ((0x6040, 0), (0x6041, 0), (0x6060, 0), (0x6061, 0))
+_ALWAYS: Final = ((0x6040, 0), (0x6041, 0))
+_OF_SEVERAL: Final = ((0x6060, 0), (0x6061, 0))
 _OF_MODE: Final[Mapping[int, tuple[Key, ...]]] = {
     1: ((0x607A, 0), (0x6064, 0), (0x6081, 0), (0x6083, 0)),
-    3: ((0x60FF, 0), (0x606C, 0)),
-    4: ((0x6071, 0), (0x6077, 0)),
+    3: ((0x60FF, 0),),
+    4: ((0x6071, 0),),
     6: ((0x6098, 0), (0x6099, 1), (0x6099, 2)),
     7: ((0x60C1, 1), (0x6064, 0)),
     8: ((0x607A, 0), (0x6064, 0)),
-    9: ((0x60FF, 0), (0x606C, 0)),
-    10: ((0x6071, 0), (0x6077, 0)),
+    9: ((0x60FF, 0),),
+    10: ((0x6071, 0),),
 }
-"""Objects without which there is no CiA 402 axis, or no such mode (CiA 402-2, by mode)."""
+"""Objects without which there is no CiA 402 axis, no choice of modes, or no such mode (CiA 402-2, by mode).
+
+What is only told, such as the actual velocity, need not be there.
+"""
 
 _POSITIONS: Final = (0x6065, 0x6067)
 _VELOCITIES: Final = (0x606D, 0x606F, 0x607F, 0x6081, 0x6099, 0x60F8)
@@ -50,6 +53,19 @@ _ACCELERATIONS: Final = (0x6083, 0x6084, 0x6085, 0x609A, 0x60C5, 0x60C6)
 """Objects whose defaults are made for the machine's own units."""
 
 _ZERO_IS_UNSET: Final = (0x6065, 0x6072, 0x6073, 0x607F, 0x6080, 0x6081, 0x60E0, 0x60E1)
+
+
+class StandIn(NamedTuple):
+    """What the machine works with where the file allows values that it has no use for.
+
+    Attributes:
+        low, high: what it can work with.
+        value: that it works with in place of any other.
+    """
+
+    low: int
+    high: int
+    value: int
 
 
 @dataclass(frozen=True)
@@ -62,6 +78,7 @@ class Likeness:
         hidden: that the machine needs besides.
         modes: of operation of each axis.
         notes: what was not taken from the file.
+        stand_ins: for values that the file allows.
     """
 
     sheet: Sheet
@@ -69,6 +86,7 @@ class Likeness:
     hidden: tuple[Object, ...]
     modes: tuple[frozenset[int], ...]
     notes: tuple[str, ...]
+    stand_ins: Mapping[Key, StandIn]
 
     def objects_of(self, serial: int) -> list[Object]:
         """Objects that can be reached, with the serial number of one drive."""
@@ -112,6 +130,11 @@ def like(path: str, modes: frozenset[int] = frozenset(MODES)) -> Likeness:
     for number, has in enumerate(found):
         objects |= _with_modes(objects, number, has)
     objects |= _mapped(objects, notes)
+    for number, has in enumerate(found):
+        if len(has) == 1:  # it is in its one mode, whether it can be told to be or not
+            choice = machine[0x6060 + AXIS_STRIDE * number]
+            only = replace(choice.entries[0], default=next(iter(has)))
+            machine[choice.index] = replace(choice, entries={0: only})
     hidden = tuple(_behind(entry, objects.get(index)) for index, entry in machine.items())
     return Likeness(
         sheet,
@@ -119,7 +142,19 @@ def like(path: str, modes: frozenset[int] = frozenset(MODES)) -> Likeness:
         tuple(entry for entry in hidden if entry.entries),
         tuple(found),
         tuple(f"{path}: {note}" for note in notes),
+        dict(_stand_ins(machine.values())),
     )
+
+
+def _stand_ins(machine: Iterable[Object]) -> Iterator[tuple[Key, StandIn]]:
+    for entry in machine:
+        for sub, ours in entry.entries.items():
+            bounded = ours.low is not None or ours.high is not None
+            if entry.index in _AXES and bounded and isinstance(ours.default, int):
+                least, most = ours.type.limits
+                low = least if ours.low is None else ours.low
+                high = most if ours.high is None else ours.high
+                yield (entry.index, sub), StandIn(low, high, ours.default)
 
 
 def _check_device(sheet: Sheet) -> None:
@@ -156,6 +191,8 @@ def _modes(
             lacks += [key for key in _OF_MODE[mode] if key not in own and key not in lacks]
     else:
         modes = frozenset(mode for mode, keys in _OF_MODE.items() if own.issuperset(keys))
+    if len(modes) > 1:
+        lacks += [key for key in _OF_SEVERAL if key not in own]
     if lacks:
         names = ", ".join(_text((index + offset, sub)) for index, sub in lacks)
         missing.append(f"it lacks {names}")
@@ -173,7 +210,7 @@ def _text(key: Key) -> str:
 
 def _wrong_types(sheet: Sheet, offset: int, modes: Iterable[int]) -> Iterator[str]:
     """Tell of objects that have another type than CiA 402 gives them."""
-    needed = {*_ALWAYS, *(key for mode in modes for key in _OF_MODE[mode])}
+    needed = {*_ALWAYS, *_OF_SEVERAL, *(key for mode in modes for key in _OF_MODE[mode])}
     ours = {
         (entry.index, sub): variable for entry in axis(0) for sub, variable in entry.entries.items()
     }
@@ -279,24 +316,24 @@ def _merged(sheet: Sheet, entry: Object, machine: Object | None, notes: list[str
 def _usable(
     index: int, sub: int, theirs: Variable, ours: Variable, given: bool, notes: list[str]
 ) -> Variable:
-    """Their entry, with a default and a range that the machine can work with."""
-    low = max((bound for bound in (theirs.low, ours.low) if bound is not None), default=None)
-    high = min((bound for bound in (theirs.high, ours.high) if bound is not None), default=None)
-    result = replace(theirs, low=low, high=high)
+    """Their entry: of an axis with the range of the file (see `StandIn`), else with that of both."""
+    result = theirs
+    if index not in _AXES:
+        low = max((bound for bound in (theirs.low, ours.low) if bound is not None), default=None)
+        high = min((bound for bound in (theirs.high, ours.high) if bound is not None), default=None)
+        result = replace(theirs, low=low, high=high)
     if isinstance(theirs.default, OfNode):
         return result
     place = 0x6000 + index % AXIS_STRIDE if index in _AXES else index
     value = theirs.default
     unset = place in _ZERO_IS_UNSET and value == 0
-    wrong = place == 0x6098 and value not in METHODS
     out = isinstance(value, int) and not _within(value, ours)
-    if given and not (unset or wrong or out):
-        return result
-    if given and not unset:
+    if given and out:
         notes.append(
-            f"[{_text((index, sub))}] DefaultValue={value!r} is none for the simulated machine"
+            f"[{_text((index, sub))}] DefaultValue={value!r}: the simulated machine works with "
+            f"{ours.default!r}"
         )
-    return replace(result, default=ours.default)
+    return result if given and not unset else replace(result, default=ours.default)
 
 
 def _within(value: int, variable: Variable) -> bool:
@@ -323,8 +360,8 @@ def _with_modes(
     if told := objects.get(0x6502 + offset):
         word = sum(1 << mode - 1 for mode in modes)
         changed[told.index] = replace(told, entries={0: replace(told.entries[0], default=word)})
-    mode = objects[0x6060 + offset]
-    if mode.entries[0].default not in modes:
+    mode = objects.get(0x6060 + offset)
+    if mode is not None and mode.entries[0].default not in modes:
         changed[mode.index] = replace(mode, entries={0: replace(mode.entries[0], default=0)})
     return changed
 
