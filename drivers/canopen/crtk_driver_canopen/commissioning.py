@@ -73,7 +73,8 @@ from crtk_drivers.errors import ConfigError, ConnectionFailed, DeviceError
 
 logger = logging.getLogger(__name__)
 
-_CYCLIC = frozenset({OpMode.CSP, OpMode.CSV, OpMode.CST, OpMode.IP})
+_RAMPS: Final = ("profile_acceleration", "profile_deceleration")
+_CYCLIC: Final = frozenset({OpMode.CSP, OpMode.CSV, OpMode.CST, OpMode.IP})
 
 _USUAL_PDOS = 4
 """PDOs of each direction that most drives have; those from there on are looked for until one is missing."""

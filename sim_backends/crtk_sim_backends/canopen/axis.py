@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
 from crtk_sim_backends.canopen.controller import PARAMETERS, Controller, position_range
 from crtk_sim_backends.canopen.defects import AxisDefects, Measuring
-from crtk_sim_backends.canopen.dictionary import DataType, ObjectDictionary
+from crtk_sim_backends.canopen.dictionary import DataType, Key, ObjectDictionary
 from crtk_sim_backends.canopen.emcy import Emergency
+from crtk_sim_backends.canopen.fitting import StandIn
 from crtk_sim_backends.canopen.homing import METHODS, Homing, Switch
 from crtk_sim_backends.canopen.machine import RAMPS, Command, Machine, Ramp, State
 from crtk_sim_backends.canopen.modes import (
@@ -69,6 +70,8 @@ class Axis:
         modes: of operation that it has.
         make: what it does otherwise than others.
         defects: that it has.
+        stand_ins: what it works with in place of values that only the file of a real drive allows; None: it
+            is like no real drive.
     """
 
     def __init__(
@@ -80,8 +83,10 @@ class Axis:
         modes: frozenset[int] = frozenset(MODES),
         make: Personality = PERSONALITIES["standard"],
         defects: AxisDefects | None = None,
+        stand_ins: Mapping[Key, StandIn] | None = None,
     ) -> None:
         self.number = number
+        self._stand_ins = stand_ins
         self._measuring = Measuring(motor, number, defects)
         self._defects = self._measuring.defects
         self.motor = motor
@@ -139,7 +144,9 @@ class Axis:
         od.written[0x6040 + offset] = self._note_controlword
         od.guards[0x6040 + offset] = self._guard_controlword
         od.guards[0x6060 + offset] = lambda _, mode: _require(mode in self._modes)
-        od.guards[0x6098 + offset] = lambda _, method: _require(method in METHODS)
+        od.guards[0x6098 + offset] = lambda _, method: _require(
+            method in METHODS or self._stand_ins is not None
+        )
         od.guards[0x607D + offset] = self._guard_limits
         if self._make.tells_modes is not None:
             told = self._make.tells_modes
@@ -170,7 +177,11 @@ class Axis:
 
     def value(self, index: int, sub: int = 0) -> int:
         """Value of an object of the axis, of those that are not computed when read."""
-        return self._values[index + self._offset, sub]  # type: ignore[return-value]
+        key = index + self._offset, sub
+        value: int = self._values[key]  # type: ignore[assignment]
+        if self._stand_ins and (other := self._stand_ins.get(key)) is not None:
+            return value if other.low <= value <= other.high else other.value
+        return value
 
     def shown(self, index: int) -> int:
         """Value of an object of the axis as others read it."""
@@ -189,8 +200,9 @@ class Axis:
 
     @property
     def period(self) -> float:
-        """Interpolation time period, s; that of SYNC for a drive that is not told it."""
-        if 0x60C2 + self._offset not in self._dictionary.objects and self.sync_period:
+        """Interpolation time period, s; that of SYNC for a drive that is not told it, or 0."""
+        told = 0x60C2 + self._offset in self._dictionary.objects
+        if self.sync_period and not (told and self._values[0x60C2 + self._offset, 1]):
             return self.sync_period
         return float(self.value(0x60C2, 1) * 10.0 ** self.value(0x60C2, 2))
 

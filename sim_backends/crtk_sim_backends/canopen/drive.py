@@ -193,6 +193,7 @@ class Drive:
                 like.modes[number] if like else self.config.modes,
                 self.config.personality,
                 self.config.defects,
+                like.stand_ins if like else None,
             )
             for number, motor in enumerate(self.config.motors)
         ]

@@ -197,8 +197,11 @@ class Homing(Mode):
             self._stop()
         elif not before & NEW_SETPOINT and not self._running:
             self._attained = self._failed = False
-            self._running = True
-            self._begin(list(METHODS[self.axis.value(0x6098)]))
+            phases = METHODS.get(self.axis.value(0x6098))
+            self._failed = phases is None  # of a method that only the file of a real drive allows
+            self._running = phases is not None
+            if phases is not None:
+                self._begin(list(phases))
 
     def halt(self) -> None:
         """Be interrupted by bit 8 of the controlword."""

@@ -7,7 +7,7 @@ import pytest
 from crtk_sim_backends.canopen import SIM, ConfigError, SimConfig
 from crtk_sim_backends.canopen.config import drive_configs
 from crtk_sim_backends.canopen.fitting import like
-from rigs.canopen_drive import COUNTS, CSP, NODE, PP, PV, Bench
+from rigs.canopen_drive import COUNTS, CSP, HM, NODE, PP, PV, Bench
 
 SHEETS = Path(__file__).parents[2] / "data" / "eds"
 NO_OBJECT = 0x0602_0000
@@ -206,3 +206,50 @@ def test_a_maxon_counts_its_rated_torque_in_millionths(tmp_path):
     assert drive.personality.torque_unit == 1e-6
     (other,) = drive_configs(SimConfig(nodes=1, from_eds=str(SHEETS / "rpm_servo.eds"))).values()
     assert other.personality.torque_unit == 1e-3
+
+
+def test_values_that_the_file_allows_are_taken(tmp_path):
+    """A file without limits allows what the type holds; the machine works with what it can."""
+    servo = Bench(like=like(without_limits(tmp_path)))
+    rows = (
+        (0x60C2, 1, 0, "B"), (0x60C2, 2, 3, "b"), (0x605A, 0, -1, "h"), (0x605C, 0, 7, "h"),
+        (0x6083, 0, 0, "I"), (0x6085, 0, 0, "I"), (0x6098, 0, 0, "b"), (0x6099, 1, 0, "I"),
+        (0x6091, 2, 0, "I"),
+    )  # fmt: skip
+    for index, sub, value, layout in rows:
+        servo.write(index, sub, value, layout)
+        assert servo.read(index, sub, layout) == value
+    servo.enable(PP)
+    servo.write(0x607A, 0, 4000, "i")
+    servo.control(0x1F)
+    servo.run(1.0)
+    assert servo.axis.motor.revolutions == pytest.approx(2.0, abs=0.01)
+    servo.control(0x0B)  # quick stop, by a ramp of the machine's own
+    servo.run(0.5)
+    assert not servo.axis.powered
+
+
+def without_limits(tmp_path):
+    path = tmp_path / "free.eds"
+    lines = (SHEETS / "rpm_servo.eds").read_text().splitlines()
+    path.write_text("\n".join(li for li in lines if not li.startswith(("LowLimit", "HighLimit"))))
+    return str(path)
+
+
+def test_a_period_of_0_is_that_of_sync(tmp_path):
+    servo = Bench(like=like(without_limits(tmp_path)))
+    servo.write(0x60C2, 1, 0, "B")
+    servo.frame(0, bytes((1, NODE)))
+    for _ in range(3):
+        servo.now += 0.02
+        servo.frame(0x80)
+    assert servo.axis.period == pytest.approx(0.02)
+
+
+def test_a_homing_method_that_it_has_not_fails(tmp_path):
+    servo = Bench(like=like(without_limits(tmp_path)))
+    servo.write(0x6098, 0, 0, "b")
+    servo.enable(HM)
+    servo.control(0x1F)
+    servo.run(0.1)
+    assert servo.statusword & 0x3000 == 0x2000

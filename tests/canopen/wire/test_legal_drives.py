@@ -256,3 +256,19 @@ def test_homing_needs_no_acceleration_of_its_own(tmp_path: Path) -> None:
         arm.enable(LONG)
         arm.home(LONG)
         eventually(lambda: arm.is_homed(), "it is homed")
+
+
+def test_a_dcf_connects_to_its_own_simulator(tmp_path: Path) -> None:
+    """Maxon's has 60C2h:1 = 0; the driver writes what it says, and then the period of the cycle."""
+    said = {"60C2sub1": {"DefaultValue": "0", "ParameterValue": "0"}}
+    said |= {"605A": {"ParameterValue": "-1"}, "6085": {"ParameterValue": "0"}}
+    said |= {"6066": {"ParameterValue": "77"}}
+    for name in ("60C2sub1", "6085"):
+        said[name]["LowLimit"] = "0"
+    said["605A"]["LowLimit"] = "-32768"
+    path = sheet(tmp_path, changes=said)
+    with drives(1, from_eds=path) as sim, arm_of(config(sim, "csp", joint={"eds": path})) as arm:
+        assert sim.control.call("object", node=1, index=0x60C2, sub=1) == 10
+        assert sim.control.call("object", node=1, index=0x605A) == -1
+        assert sim.control.call("object", node=1, index=0x6066) == 77
+        moves(sim, arm, "csp")
