@@ -31,7 +31,7 @@ PATIENCE: Final = 1.0
 """Seconds in which an exchange must end."""
 SWITCH_INTERVAL: Final = 0.0005
 """Seconds, as in a driver's own process."""
-FREE: Final = {"tool_port": 0, "modbus_port": 0, "urcap_port": 0}
+FREE: Final = {"tool_port": 0, "modbus_port": 0, "controller_port": 0, "urcap_port": 0}
 LINES: Final = {
     "no line": {"baud": 0, "turnaround": 0.0},
     "115200 bit/s": {"baud": BAUD, "turnaround": 0.0014},

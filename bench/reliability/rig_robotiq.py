@@ -175,6 +175,7 @@ class RobotiqRig(Rig):
     sim_options = {  # noqa: RUF012
         "tool_port": 0,
         "modbus_port": 0,
+        "controller_port": 0,
         "urcap_port": 0,
         "sweep_speed": 0.05,  # so slow that a stop that comes to nothing is seen
     }

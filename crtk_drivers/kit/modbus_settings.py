@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from crtk_drivers.config.settings import DeviceConfig
+from crtk_drivers.kit.robot_ports import script_port
 from crtk_drivers.kit.serial_server import PortName
 
 __all__ = ["ModbusConfig"]
@@ -52,6 +53,13 @@ class ModbusConfig(DeviceConfig):
         le=5.0,
         description="A question of Modbus that is not answered for this long, in s, is asked again.",
     )
+
+    @field_validator("tcp_port")
+    @classmethod
+    def _of_a_device(cls, port: int | None) -> int | None:
+        if port is not None and (danger := script_port(port)):
+            raise ValueError(f"{danger}: give the port of the device itself")
+        return port
 
     @property
     def number(self) -> int:

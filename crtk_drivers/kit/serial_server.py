@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator
 
 from crtk_drivers.kit.ready import is_ready
+from crtk_drivers.kit.robot_ports import script_port
 
 __all__ = ["OPEN_TIMEOUT", "PortName", "ServerAddress", "connect", "parse_address"]
 
@@ -53,6 +54,8 @@ def parse_address(name: str) -> ServerAddress | None:
         )
     if not url.hostname or not url.port or url.path not in ("", "/") or url.query:
         raise ValueError(f"{name!r} is not {SCHEME}://HOST:PORT")
+    if danger := script_port(url.port):
+        raise ValueError(f"{name!r} is no serial line: {danger}")
     return ServerAddress(url.hostname, url.port)
 
 

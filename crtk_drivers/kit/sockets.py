@@ -14,6 +14,7 @@ from typing_extensions import override
 from crtk_drivers.device.giving_up import is_given_up
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
 from crtk_drivers.kit.ready import is_ready
+from crtk_drivers.kit.robot_ports import script_port
 
 __all__ = ["ClosedByPeer", "TcpTransport", "UdpTransport"]
 
@@ -181,10 +182,24 @@ class _SocketTransport:
 
 
 class TcpTransport(_SocketTransport):
-    """A TCP connection, without delay. Bytes, in no portions: see `crtk_drivers.kit.decoding`."""
+    """A TCP connection, without delay. Bytes, in no portions: see `crtk_drivers.kit.decoding`.
+
+    It connects to no port at which a robot would run what it is sent (`crtk_drivers.kit.robot_ports`).
+    """
 
     _kind = socket.SOCK_STREAM
     _name = "TCP"
+
+    @override
+    def open(self, deadline: float) -> None:
+        """See `_SocketTransport`."""
+        if danger := script_port(self.port):
+            raise ConnectionFailed(
+                f"not connected: {danger}",
+                where=self.where,
+                remedy="Give the port of the device itself.",
+            )
+        super().open(deadline)
 
     @override
     def _prepare(self, peer: socket.socket) -> None:

@@ -43,7 +43,8 @@ def transport_of(config: ModbusConfig, name: str, aborted: Callable[[], bool]) -
 
 def framing_of(config: ModbusConfig) -> Framing:
     """Return the framing of its link."""
-    return Mbap(config.address) if config.link == "modbus" else Rtu(config.address)
+    is_serial = config.link in ("serial", "tool")
+    return Rtu(config.address) if is_serial else Mbap(config.address)
 
 
 def check_real(config: ModbusConfig) -> None:

@@ -24,8 +24,8 @@ __all__ = [
     "eventually",
 ]
 
-FREE_PORTS = {"tool_port": 0, "modbus_port": 0, "urcap_port": 0}
-LINKS = ("serial", "tool", "modbus", "urcap")
+FREE_PORTS = {"tool_port": 0, "modbus_port": 0, "controller_port": 0, "urcap_port": 0}
+LINKS = ("serial", "tool", "modbus", "controller", "urcap")
 AJAR = 0.08
 """Width in m of something that leaves open fingers of a 2F-85 little way to go: an activation soon ends."""
 

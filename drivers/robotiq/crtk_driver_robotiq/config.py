@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -11,6 +11,9 @@ from crtk_driver_robotiq.models import MODELS, Model
 from crtk_drivers.kit.modbus_settings import ModbusConfig
 
 __all__ = ["RobotiqConfig"]
+
+CONTROLLER_UNIT: Final = 2
+"""Of Robotiq's own controller in Modbus TCP (2F-200 manual, 4.10.1)."""
 
 
 class RobotiqConfig(ModbusConfig):
@@ -22,7 +25,7 @@ class RobotiqConfig(ModbusConfig):
         "What it does": ("activate", "on_close", "speed", "force", "newtons_per_ampere"),
         **ModbusConfig.HEADINGS,
     }
-    PORTS: ClassVar[Mapping[str, int]] = {**ModbusConfig.PORTS, "urcap": 63352}
+    PORTS: ClassVar[Mapping[str, int]] = {**ModbusConfig.PORTS, "controller": 502, "urcap": 63352}
 
     model: Literal["2f-85", "2f-140", "hand-e"] = Field(
         default="2f-85", description="Which gripper it is; it cannot be asked."
@@ -48,13 +51,19 @@ class RobotiqConfig(ModbusConfig):
         le=255,
         description="The same when it is closed; `crtk-driver robotiq calibrate` measures both.",
     )
-    link: Literal["serial", "tool", "modbus", "urcap"] = Field(
+    link: Literal["serial", "tool", "modbus", "controller", "urcap"] = Field(
         default="serial",
-        description="Modbus RTU at a serial port; the same through a robot's tool (TCP 54321); Modbus TCP; "
-        "or the text server of the Robotiq URCap (TCP 63352).",
+        description="Modbus RTU at a serial port; the same through a robot's tool (TCP 54321); Modbus TCP of "
+        "a gateway; that of Robotiq's own controller, whose registers are others; or the text server of the "
+        "Robotiq URCap (TCP 63352).",
     )
     baud: int = Field(default=115_200, ge=1200, le=4_000_000, description="Bits a second there.")
-    address: int = Field(default=9, ge=1, le=247, description="Modbus address of the gripper.")
+    address: int = Field(
+        default=9,
+        ge=1,
+        le=247,
+        description="Modbus address of the gripper; 2 if it is not given and link is controller.",
+    )
     activate: Literal["if needed", "always", "never"] = Field(
         default="if needed",
         description="Whether `enable` activates it, which opens and closes the fingers fully: when it is not "
@@ -83,6 +92,13 @@ class RobotiqConfig(ModbusConfig):
         description="What the motor's current means at the fingers, from a measurement of yours: measured_js "
         "has no effort if null.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _at_controller(cls, values: Any) -> Any:
+        if isinstance(values, Mapping) and values.get("link") == "controller":
+            return {"address": CONTROLLER_UNIT, **values}
+        return values
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

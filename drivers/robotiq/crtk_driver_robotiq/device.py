@@ -14,7 +14,13 @@ from crtk_driver_robotiq.activated import TURN, ActivatedHand, Turn
 from crtk_driver_robotiq.config import RobotiqConfig
 from crtk_driver_robotiq.faults import fault_of
 from crtk_driver_robotiq.grip import Grip
-from crtk_driver_robotiq.links import GripperAnswer, GripperRegisters, Link, UrcapLink
+from crtk_driver_robotiq.links import (
+    ControllerRegisters,
+    GripperAnswer,
+    GripperRegisters,
+    Link,
+    UrcapLink,
+)
 from crtk_driver_robotiq.registers import COUNTS, Activation, Command, Status
 from crtk_driver_robotiq.scale import Scale
 from crtk_drivers.commands import Payload
@@ -78,7 +84,10 @@ def make_link(config: RobotiqConfig, aborted: Callable[[], bool] = _never) -> Li
     way = modbus_ways.transport_of(config, "robotiq", aborted)
     if config.link == "urcap":
         return UrcapLink(way)
-    return ModbusLink(GripperRegisters(), way, modbus_ways.framing_of(config), config.reply_timeout)
+    framing, timeout = modbus_ways.framing_of(config), config.reply_timeout
+    if config.link == "controller":
+        return ModbusLink(ControllerRegisters(), way, framing, timeout)
+    return ModbusLink(GripperRegisters(), way, framing, timeout)
 
 
 class RobotiqHand(ActivatedHand[Command]):

@@ -7,20 +7,23 @@ from collections.abc import Callable, Mapping
 from typing import Final, Protocol
 
 from crtk_driver_robotiq import urcap
-from crtk_driver_robotiq.registers import SIZE, STATUS, Command, Status
-from crtk_drivers.errors import ProtocolError
+from crtk_driver_robotiq.registers import COMMAND, SIZE, STATUS, Command, Status
+from crtk_drivers.errors import ConnectionFailed, ProtocolError
 from crtk_drivers.kit import Transport, modbus_frames
 from crtk_drivers.kit.modbus_frames import Question
 from crtk_drivers.kit.modbus_link import Answer
 from crtk_drivers.samples import Stamp
 
-__all__ = ["GripperAnswer", "GripperRegisters", "Link", "UrcapLink"]
+__all__ = ["ControllerRegisters", "GripperAnswer", "GripperRegisters", "Link", "UrcapLink"]
 
 GripperAnswer = Answer[Command, Status]
 After = Callable[[Status], bool]
 
 QUIET: Final = 0.002
 """Seconds of silence after which a text server that ends no lines has said all."""
+
+LISTEN: Final = 0.25
+"""Seconds in which a robot would tell its state: it does so ten times a second or more often."""
 
 _COUNT: Final = SIZE // 2
 _PROBES: Final = (
@@ -105,8 +108,48 @@ class GripperRegisters:
         return None if is_probe else Status.parse(reply[2:])
 
 
+class ControllerRegisters:
+    """What Robotiq's own controller is asked in Modbus TCP: it knows functions 4 and 16, from register 0 on.
+
+    Source: 2F-200 manual, 4.10. A command and the status are two exchanges.
+    """
+
+    silent = (
+        "Is the controller powered and connected, and is it at this address (unit 2 as delivered)?"
+    )
+    other = "Is it Robotiq's own controller? A gateway to the gripper's own registers is `link: modbus`."
+
+    def read(self) -> Question:
+        """See `RegisterMap`."""
+        return modbus_frames.read(0, _COUNT, modbus_frames.READ_INPUT)
+
+    def write(self, command: Command) -> Question:
+        """See `RegisterMap`."""
+        return modbus_frames.write(command.address - COMMAND, command.block)
+
+    def probe(self, turn: int) -> Question:
+        """See `RegisterMap`: a part of the status."""
+        return modbus_frames.read(0, 1 + turn % (_COUNT - 1), modbus_frames.READ_INPUT)
+
+    def variant(self, question: Question) -> Question | None:
+        """See `RegisterMap`: Modbus TCP numbers its answers, and needs none."""
+        return None
+
+    def aside(self, command: Command) -> Question:
+        """See `RegisterMap`."""
+        return self.write(command)
+
+    def status(self, question: Question, reply: bytes) -> Status | None:
+        """See `RegisterMap`; an acknowledgement and a probe tell none."""
+        is_whole = reply[0] == modbus_frames.READ_INPUT and reply[1] == SIZE
+        return Status.parse(reply[2:]) if is_whole else None
+
+
 class UrcapLink:
     """The text server of the URCap: a SET, or a GET for each variable.
+
+    Before anything is sent for the first time it listens: this server says nothing unasked, and a robot whose
+    script port was given tells its state at once.
 
     Nothing is asked twice: TCP loses nothing, and what comes late would be taken for the answer to the next.
 
@@ -118,6 +161,7 @@ class UrcapLink:
     def __init__(self, transport: Transport, clock: Callable[[], float] = time.monotonic) -> None:
         self._transport = transport
         self._clock = clock
+        self._is_known = False
         self._begin()
 
     def _begin(self) -> None:
@@ -144,6 +188,13 @@ class UrcapLink:
         """See `Link`."""
         self._begin()
         self._transport.open(deadline)
+        if not self._is_known and (said := self._transport.read(self._clock() + LISTEN)):
+            self._transport.close()
+            raise ConnectionFailed(
+                f"it says {said[:20]!r} before it is asked, as the URCap's server does not: nothing was sent",
+                where=self.where,
+                remedy="Give the port of the URCap's server (63352), not one of the robot's own.",
+            )
 
     def close(self) -> None:
         """See `Link`."""
@@ -171,6 +222,7 @@ class UrcapLink:
                     remedy="Is the Robotiq URCap of this robot installed, and its gripper connected?",
                 ) from error
             if status is not None:
+                self._is_known = True
                 delivered, self._delivered = self._delivered, None
                 if after is not None and delivered is not command and after(status):
                     self._ask(command)

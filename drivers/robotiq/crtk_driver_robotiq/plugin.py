@@ -19,9 +19,10 @@ def _create(config: RobotiqConfig) -> Device:
 
 
 def _sim_options(config: RobotiqConfig) -> Mapping[str, Any]:
+    unit = "controller_unit" if config.link == "controller" else "unit"
     return {
         "model": config.model,
-        "unit": config.address,
+        unit: config.address,
         "band_open": float(config.open_count),
         "band_closed": float(config.closed_count),
     }

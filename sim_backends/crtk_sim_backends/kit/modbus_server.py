@@ -85,7 +85,8 @@ class _Whole:
         return self._device if fault.kind in self._device.kinds else self.distortion
 
 
-def _nobody(unit: int, request: bytes) -> bytes | None:
+def nobody(unit: int, request: bytes) -> bytes | None:
+    """Answer for no other unit: see `Beyond`."""
     return None
 
 
@@ -95,7 +96,7 @@ def serve_modbus(
     device: Mechanism,
     title: str,
     more: Callable[[Distortion, Callable[[str], Later]], Mapping[str, TcpDoor]] | None = None,
-    beyond: Beyond = _nobody,
+    beyond: Beyond = nobody,
     make_line: Callable[..., RtuLine] = RtuLine,
 ) -> LoopServer:
     """Bind the ports of a simulated device, and let its time pass.

@@ -32,7 +32,13 @@ class SimConfig(ModbusOptions):
             "unit",
         ),
         "What lies between its fingers": ("object_width", "object_stiffness"),
-        "Ports": (*ModbusOptions.PORTS, "urcap_port", "urcap_newline"),
+        "Ports": (
+            *ModbusOptions.PORTS,
+            "controller_port",
+            "controller_unit",
+            "urcap_port",
+            "urcap_newline",
+        ),
         **ModbusOptions.HEADINGS,
     }
 
@@ -51,6 +57,10 @@ class SimConfig(ModbusOptions):
     unit: int = option(9, "its Modbus address")
     object_width: float = option(0.0, "width of what lies between the fingers, in m; 0: nothing")
     object_stiffness: float = option(1e5, "of what lies there, in N/m")
+    controller_port: int = option(
+        1503, "port of Robotiq's own controller in Modbus TCP (502 on hardware); 0: any free one"
+    )
+    controller_unit: int = option(2, "its Modbus address there")
     urcap_port: int = option(63352, "port of the URCap's text server; 0: any free one")
     urcap_newline: bool = option(True, "the text server ends what it answers to GET with a newline")
 
@@ -66,6 +76,8 @@ class SimConfig(ModbusOptions):
         check_range("object_width", self.object_width, 0.0, 0.2)
         check_range("object_stiffness", self.object_stiffness, 100.0, 1e9)
         check_port("urcap_port", self.urcap_port)
+        check_port("controller_port", self.controller_port)
+        check_range("controller_unit", self.controller_unit, 1, 247)
         _ = self.gripper_defects
 
     @property

@@ -9,6 +9,7 @@ from crtk_sim_backends.kit.jaw import Jaw
 from crtk_sim_backends.kit.modbus_line import Distortion
 from crtk_sim_backends.kit.modbus_server import Later, serve_modbus
 from crtk_sim_backends.robotiq.config import SimConfig
+from crtk_sim_backends.robotiq.controller import ControllerSession
 from crtk_sim_backends.robotiq.gripper import Gripper
 from crtk_sim_backends.robotiq.models import MODELS
 from crtk_sim_backends.robotiq.urcap import UrcapSession
@@ -29,11 +30,19 @@ def serve(config: SimConfig, parent_fd: int | None) -> LoopServer:
     )
     end = b"\n" if config.urcap_newline else b""
 
-    def text_server(distortion: Distortion, later: Callable[[str], Later]) -> Mapping[str, TcpDoor]:
+    def more_ports(distortion: Distortion, later: Callable[[str], Later]) -> Mapping[str, TcpDoor]:
         def session() -> UrcapSession:
             return UrcapSession(gripper, distortion, end, later("urcap"))
 
-        return {"urcap": TcpDoor(config.urcap_port, session)}
+        def client() -> ControllerSession:
+            return ControllerSession(
+                gripper, distortion, config.controller_unit, later("controller")
+            )
+
+        return {
+            "controller": TcpDoor(config.controller_port, client),
+            "urcap": TcpDoor(config.urcap_port, session),
+        }
 
     title = f"Robotiq {config.model.upper()}"
-    return serve_modbus(config, parent_fd, gripper, title, text_server)
+    return serve_modbus(config, parent_fd, gripper, title, more_ports)
