@@ -34,6 +34,7 @@ from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
 from crtk_drivers.labs.unit_environment import (
     closed_to_others,
     doubts,
+    hidden,
     not_working,
     origin,
     unit_environment,
@@ -298,6 +299,11 @@ def make_units(lab: Lab, folder: str, place: str | None = None) -> int:
         f"The users of these units may not read {path}: {closed} is closed to others. Install or move "
         "what is there elsewhere, for example into /opt."
         for closed, path in closed_to_others(lab, variables).items()
+    ]
+    lines += [
+        f"These units do not see {path}: each has a /tmp and a /var/tmp of its own. Move it elsewhere, for "
+        "example into /opt."
+        for path in hidden(lab, variables)
     ]
     why = not_working(lab, variables)
     if why:

@@ -61,6 +61,7 @@ def lab(path: str | Path, *only: str, timeout: float = CONNECT_TIMEOUT) -> LabDe
     """Connect to the devices of a lab, which ``crtk-driver up`` has brought up.
 
     What the lab file says of ROS 2 in `environment`, such as the domain, holds for this process from now on.
+    A context or node that was made before stays in the domain that it was made in.
 
     Args:
         path: of the lab file.

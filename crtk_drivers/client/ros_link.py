@@ -29,14 +29,13 @@ from std_msgs.msg import Empty, String
 from crtk_drivers.client.inbox import Inbox, Received, may_wait
 from crtk_drivers.commands import Payload
 from crtk_drivers.errors import (
-    ConfigError,
     ConnectionFailed,
     ConnectionLost,
     DataTimeout,
     KinematicsError,
 )
 from crtk_drivers.recording import cdr
-from crtk_drivers.ros import qos
+from crtk_drivers.ros import environment, qos
 from crtk_drivers.ros.messages import TYPES, pose_of, set_pose, stamp_ns
 from crtk_drivers.ros.plain import fill_plain
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor, spin
@@ -294,10 +293,7 @@ class Link:
                 args=list(ros_args), context=context, signal_handler_options=SignalHandlerOptions.NO
             )
         except Exception as error:
-            raise ConfigError(
-                f"ROS does not accept the arguments {' '.join(ros_args)}: {error}",
-                remedy="They are as for any ROS 2 node: --ros-args -r from:=to -p name:=value",
-            ) from error
+            raise environment.not_started(error, ros_args) from error
         self._context = context
         return context
 

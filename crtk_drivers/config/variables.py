@@ -26,24 +26,58 @@ TRANSPORTS: Final = "FASTDDS_BUILTIN_TRANSPORTS"
 CYCLONE: Final = "CYCLONEDDS_URI"
 SERVER: Final = "ROS_DISCOVERY_SERVER"
 SECURED: Final = "ROS_SECURITY_ENABLE"
+STRATEGY: Final = "ROS_SECURITY_STRATEGY"
 KEYSTORE: Final = "ROS_SECURITY_KEYSTORE"
+QOS_OF_XML: Final = "RMW_FASTRTPS_USE_QOS_FROM_XML"
+ZENOH: Final = (
+    "ZENOH_SESSION_CONFIG_URI",
+    "ZENOH_ROUTER_CONFIG_URI",
+    "ZENOH_CONFIG_OVERRIDE",
+)
 
 LOOPBACK: Final = Path(__file__).parents[1] / "ros" / "loopback.xml"
 """What `crtk_drivers.ros.environment.share_no_memory` gives Fast DDS for the range LOCALHOST."""
 
 DECIDING: Final = (
     *(DOMAIN, RANGE, STATIC_PEERS, LOCALHOST_ONLY, RMW, *PROFILES, TRANSPORTS, CYCLONE),
-    *(SERVER, "ROS_SUPER_CLIENT", "RMW_FASTRTPS_USE_QOS_FROM_XML"),
-    *("ZENOH_SESSION_CONFIG_URI", "ZENOH_ROUTER_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE"),
-    *(SECURED, "ROS_SECURITY_STRATEGY", KEYSTORE, "ROS_SECURITY_ENCLAVE_OVERRIDE"),
+    *(SERVER, "ROS_SUPER_CLIENT", QOS_OF_XML, *ZENOH),
+    *(SECURED, STRATEGY, KEYSTORE, "ROS_SECURITY_ENCLAVE_OVERRIDE"),
 )
 """Who meets whom, from where, and by what security. Two that shall meet have the same."""
 
 SEARCH_PATHS: Final = ("PYTHONPATH", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH")
 """Where an installed ROS 2 is, as its setup script says."""
 
-FILES: Final = (*PROFILES, KEYSTORE, "ZENOH_SESSION_CONFIG_URI", "ZENOH_ROUTER_CONFIG_URI")
+FILES: Final = (*PROFILES, KEYSTORE, *ZENOH[:2])
 """Variables that hold the path of a file or folder."""
+
+_WORDS: Final[Mapping[str, tuple[str, ...]]] = {
+    RANGE: RANGES,
+    LOCALHOST_ONLY: ("", "0", "1"),
+    QOS_OF_XML: ("", "0", "1"),
+    SECURED: ("", "false", "true"),
+    STRATEGY: ("", "Permissive", "Enforce"),
+}
+"""All that ROS 2 understands. It takes anything else for "no", without a word."""
+
+_YES_AND_NO: Final[Mapping[str, tuple[str, str]]] = {
+    LOCALHOST_ONLY: ("1", "0"),
+    QOS_OF_XML: ("1", "0"),
+    RANGE: ("true", "OFF"),
+}
+"""How true and false are written where not by these words. YAML takes OFF for false."""
+
+_UNSAID: Final[Mapping[str, tuple[str, ...]]] = {
+    DOMAIN: ("0",),
+    RANGE: ("SUBNET", "SYSTEM_DEFAULT"),
+    LOCALHOST_ONLY: ("0",),
+    QOS_OF_XML: ("0",),
+    RMW: ("rmw_fastrtps_cpp",),
+    TRANSPORTS: ("UDPv4",),
+    SECURED: ("false",),
+    STRATEGY: ("Permissive",),
+}
+"""Values that change nothing for a driver or a client: it does the same where nothing is said."""
 
 _PREFIXES: Final = (
     "ROS_",
@@ -105,19 +139,31 @@ def checked_variables(given: Mapping[str, str | int | bool]) -> dict[str, str]:
     Raises:
         ValueError: one has no name that a variable can have, or a value that cannot be right.
     """
-    found = {name: _text(value) for name, value in given.items()}
+    found = {name: _text(name, value) for name, value in given.items()}
     for name, value in found.items():
         if not (name.isascii() and name.isidentifier()):
             raise ValueError(f"{name!r} is no name of a variable")
         if any(each in value for each in "\0\n"):
             raise ValueError(f"{name}: has more than one line, or a NUL character")
-        if name not in DECIDING and (meant := get_close_matches(name, DECIDING, 1, _LIKE)):
+        meant = [each for each in get_close_matches(name, DECIDING, 1, _LIKE) if each not in name]
+        if name not in DECIDING and meant:
             raise ValueError(f"{name} is no variable of ROS 2. Did you mean {meant[0]!r}?")
+        if name in _WORDS and value not in _WORDS[name]:
+            known = ", ".join(filter(None, _WORDS[name]))
+            raise ValueError(f"{name}: {value!r} is none of {known}")
     if not is_domain(found.get(DOMAIN, "")):
         raise ValueError(f"{DOMAIN}: {found[DOMAIN]!r} is not a ROS domain: 0 to {LAST_DOMAIN}")
-    if found.get(RANGE, RANGES[0]) not in RANGES:
-        raise ValueError(f"{RANGE}: {found[RANGE]!r} is none of {', '.join(RANGES)}")
     return found
+
+
+def absolute(variables: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """Return variables whose relative paths count from a folder, for a process that runs in another one."""
+    return {name: _absolute(name, value, folder) for name, value in variables.items()}
+
+
+def uris(value: str) -> list[str]:
+    """Return the parts of `CYCLONEDDS_URI`: files, or one piece of XML that may have commas."""
+    return [value] if "<" in value else value.split(",")
 
 
 def is_domain(text: str) -> bool:
@@ -153,8 +199,13 @@ def dropped(variables: Mapping[str, str]) -> dict[str, str]:
     A variable that is set here, though empty, was not dropped.
     """
     by = elevated_by(variables)
-    was = before(by) if by else None
-    return {name: value for name, value in carried(was or {}).items() if name not in variables}
+    was = as_said(before(by) or {}) if by else {}
+    return {name: value for name, value in carried(was).items() if name not in variables}
+
+
+def is_unsaid(name: str, value: str) -> bool:
+    """Whether a value of a variable changes nothing for a driver or a client."""
+    return value in _UNSAID.get(name, ())
 
 
 def assignments(variables: Mapping[str, str]) -> str:
@@ -162,8 +213,27 @@ def assignments(variables: Mapping[str, str]) -> str:
     return " ".join(f"{name}={value}" for name, value in variables.items())
 
 
-def _text(value: str | int | bool) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+def _text(name: str, value: str | int | bool) -> str:
+    if isinstance(value, bool):
+        yes, no = _YES_AND_NO.get(name, ("true", "false"))
+        return yes if value else no
+    return str(value)
+
+
+def _absolute(name: str, value: str, folder: Path) -> str:
+    def from_there(path: str) -> str:
+        return os.path.normpath(folder.absolute() / path)
+
+    if name in SEARCH_PATHS:
+        return ":".join(from_there(each) for each in value.split(":") if each)
+    if name in FILES:
+        return from_there(value) if value else ""
+    if name == CYCLONE:
+        return ",".join(
+            from_there(each) if each and not ("<" in each or each.startswith("file:")) else each
+            for each in uris(value)
+        )
+    return value
 
 
 def _environment_of(folder: Path) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -37,8 +38,9 @@ def require_commands(lab: Lab, *, programs: bool = True) -> None:
         commands |= {
             ("programs", name, "command"): program.command for name, program in lab.programs.items()
         }
+    search = os.get_exec_path({**os.environ, **lab.environment})
     for key, command in commands.items():
-        why = _missing(command[0], lab.path.parent) if command else ""
+        why = _missing(command[0], lab.path.parent, search) if command else ""
         if why:
             raise ConfigError(
                 f"cannot be run: {why}",
@@ -48,21 +50,21 @@ def require_commands(lab: Lab, *, programs: bool = True) -> None:
             )
 
 
-def _missing(program: str, folder: Path) -> str:
+def _missing(program: str, folder: Path, search: Sequence[str]) -> str:
     """Return why the system cannot start a program in a folder; empty if it can."""
-    folders = [""] if "/" in program else os.get_exec_path()
+    folders = [""] if "/" in program else search
     paths = [folder / each / program for each in folders]
     there = [path for path in paths if path.is_file()]
     found = next((path for path in there if os.access(path, os.X_OK)), None)
     if found is not None:
-        return _unreadable(found, folder)
+        return _unreadable(found, folder, search)
     if there:
         return f"{there[0]} is not executable"
     where = "" if "/" in program else " in PATH"
     return f"there is no program {program!r}{where}"
 
 
-def _unreadable(path: Path, folder: Path) -> str:
+def _unreadable(path: Path, folder: Path, search: Sequence[str]) -> str:
     """Return why the kernel cannot execute a file; empty if it can, or it may not be read."""
     try:
         with path.open("rb") as file:
@@ -78,6 +80,6 @@ def _unreadable(path: Path, folder: Path) -> str:
     if Path(words[0]).name == "env":  # which looks for another one in PATH
         needed += [word for word in words[1:] if not (word.startswith("-") or "=" in word)][:1]
     for interpreter in needed:
-        if why := _missing(interpreter, folder):
+        if why := _missing(interpreter, folder, search):
             return f"{path} needs another program: {why}"
     return ""

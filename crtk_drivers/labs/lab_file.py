@@ -38,7 +38,7 @@ from crtk_drivers.config import (
     values_of,
     with_node,
 )
-from crtk_drivers.config.variables import SECURED, checked_variables
+from crtk_drivers.config.variables import SECURED, absolute, checked_variables
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
 from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.labs.lab_entries import (
@@ -173,7 +173,12 @@ def load_teleop(path: str | Path) -> LabTeleop:
             where=layer.place(("teleop", "follower")),
             remedy="A device cannot follow itself.",
         )
-    return LabTeleop(settings.teleop, leader, follower, checked_variables(settings.environment))
+    return LabTeleop(settings.teleop, leader, follower, _said(settings, Path(path)))
+
+
+def _said(settings: LabSettings, path: Path) -> dict[str, str]:
+    """Return the environment of a lab file, whose relative paths count from the folder of the file."""
+    return absolute(checked_variables(settings.environment), path.parent)
 
 
 def _namespace_of(name: str, settings: LabSettings, place: str) -> str:
@@ -218,7 +223,7 @@ def load_lab(
     for name in only:
         _require(name, settings, str(path))
     wanted = {name: settings.devices[name] for name in settings.devices if not only or name in only}
-    variables = {**checked_variables(settings.environment), **environment}
+    variables = {**_said(settings, path), **absolute(environment, Path())}
     is_secured = {**os.environ, **variables}.get(SECURED) == "true"
     found = {
         name: _device(name, entry, layer, path, sim, is_secured) for name, entry in wanted.items()

@@ -142,9 +142,13 @@ def read_reports(descriptor: int, rest: bytes) -> tuple[list[Report], bytes]:
 
 
 def last_line(log: Path) -> str:
-    """Return the last line that a process has written into its log; empty if there is none."""
+    """Return the last line that a process has written into its log; empty if there is none.
+
+    A hint is passed over: the error stands before it, and says what is wrong.
+    """
     with contextlib.suppress(OSError):
-        lines = log.read_bytes()[-4096:].decode(errors="replace").strip().splitlines()
-        if lines:
-            return lines[-1].strip()
+        text = log.read_bytes()[-4096:].decode(errors="replace").strip()
+        lines = [line.strip() for line in text.splitlines()]
+        said = [line for line in lines if line and not line.startswith("hint:")] or lines
+        return said[-1] if said else ""
     return ""

@@ -20,7 +20,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import IO, Final
 
-from crtk_drivers.config.variables import merged
+from crtk_drivers.config.variables import absolute, merged
 from crtk_drivers.errors.exit_codes import NOT_INSTALLED, USAGE_ERROR
 from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab
@@ -302,7 +302,8 @@ class Supervisor:
             os.set_blocking(reading, False)
             child.log_file = child.log.open("ab", buffering=0)
             mark = self._starter.mark(child.name, is_device=child.reports)
-            environment = {**merged(os.environ, self.lab.environment), **mark}
+            shell = absolute(os.environ, Path())  # a process runs in the folder of the lab file
+            environment = {**merged(shell, self.lab.environment), **mark}
             log, folder = child.log_file.fileno(), self.lab.path.parent
             if child.reports:
                 ours, theirs = pulse_ends()

@@ -20,6 +20,7 @@ from crtk_drivers.config.variables import (
     CYCLONE,
     DOMAIN,
     FILES,
+    KEYSTORE,
     LOCALHOST_ONLY,
     PROFILES,
     RANGE,
@@ -27,17 +28,20 @@ from crtk_drivers.config.variables import (
     SEARCH_PATHS,
     SERVER,
     STATIC_PEERS,
+    ZENOH,
+    absolute,
     as_said,
     assignments,
     before,
     carried,
     dropped,
     elevated_by,
+    uris,
 )
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.lab_file import Lab
 
-__all__ = ["closed_to_others", "doubts", "not_working", "origin", "unit_environment"]
+__all__ = ["closed_to_others", "doubts", "hidden", "not_working", "origin", "unit_environment"]
 
 TRIAL_TIMEOUT: Final = 60.0
 """Seconds in which Python, ROS 2 and a node have started."""
@@ -48,7 +52,9 @@ SYSTEMD_PATH: Final = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin"
 _DEFAULTS: Final = {DOMAIN: "0", RANGE: "LOCALHOST"}
 _OPENING: Final = (RANGE, STATIC_PEERS)
 _OF_THIS_MACHINE: Final = ("LOCALHOST", "OFF")
-_JUDGED_BY_NOBODY: Final = (*PROFILES, CYCLONE, SERVER)
+_JUDGED_BY_NOBODY: Final = (*PROFILES, CYCLONE, SERVER, *ZENOH)
+_PRIVATE: Final = (Path("/tmp"), Path("/var/tmp"))
+"""A unit has folders of its own in place of these (PrivateTmp=)."""
 
 
 def unit_environment(lab: Lab) -> dict[str, str]:
@@ -58,7 +64,8 @@ def unit_environment(lab: Lab) -> dict[str, str]:
     unless the lab file says otherwise.
 
     Raises:
-        ConfigError: `sudo` has dropped some, or the network is let in without a word in the lab file.
+        ConfigError: `sudo` has dropped some, one is no text, or the network is let in without a word in the
+            lab file.
     """
     shell = as_said(os.environ)
     _refuse_opened(lab, shell)
@@ -66,14 +73,22 @@ def unit_environment(lab: Lab) -> dict[str, str]:
     if RANGE not in lab.settings.environment and found[RANGE] not in _OF_THIS_MACHINE:
         found[RANGE] = _DEFAULTS[RANGE]
     _refuse_dropped(lab, shell, found)
-    places = {name: _absolute(name, _not_of_wheels(name, found[name])) for name in sorted(found)}
+    places = absolute({name: _not_of_wheels(name, found[name]) for name in sorted(found)}, Path())
+    for name, value in places.items():
+        if not value.isascii() and value != value.encode(errors="replace").decode():
+            raise ConfigError(
+                f"{value!r} is not UTF-8, and systemd takes no other text",
+                where=name,
+                remedy=f"Rename what it names, or `unset {name}`.",
+            )
     return {name: value for name, value in places.items() if value}
 
 
 def origin(lab: Lab, name: str) -> str:
     """Return where a variable of the units was said, in words."""
     if name in lab.environment:
-        is_of_file = lab.settings.environment.get(name) == lab.environment[name]
+        said = {each: str(value) for each, value in lab.settings.environment.items()}
+        is_of_file = absolute(said, lab.path.parent).get(name) == lab.environment[name]
         return "of the lab file" if is_of_file else "of --env"
     return "of this shell" if name in carried(as_said(os.environ)) else "nothing was said"
 
@@ -86,23 +101,47 @@ def doubts(variables: Mapping[str, str]) -> Iterator[str]:
     for name in _JUDGED_BY_NOBODY:
         if variables.get(name):
             yield f"{name} decides beside {RANGE} who can reach the devices: look at it yourself"
+    if variables.get(LOCALHOST_ONLY) == "1" and variables.get(RANGE) not in _OF_THIS_MACHINE:
+        yield (
+            f"{LOCALHOST_ONLY}=1 goes over {RANGE}={variables[RANGE]}: no other machine reaches the devices"
+        )
 
 
 def closed_to_others(lab: Lab, variables: Mapping[str, str]) -> dict[Path, Path]:
     """Return the folders and files that are closed to the users of units, each with what lies there."""
-    wanted = [Path(sys.prefix), Path(sys.base_prefix), lab.path.parent.resolve()]
-    wanted += [path for _, path in _paths(variables) if path.exists()]
-    for name in SEARCH_PATHS:
-        wanted += [Path(each) for each in variables.get(name, "").split(":") if Path(each).exists()]
     found: dict[Path, Path] = {}
-    for path in wanted:
-        for each in reversed((path, *path.parents)):
-            mode = each.stat().st_mode
-            needed = stat.S_IXOTH if stat.S_ISDIR(mode) else stat.S_IROTH
-            if not mode & needed:
-                found.setdefault(each, path)
-                break
+    for given in _needed(lab, variables):
+        for path in dict.fromkeys((given, given.resolve())):
+            for each in reversed((path, *path.parents)):
+                mode = each.stat().st_mode
+                needed = stat.S_IXOTH if stat.S_ISDIR(mode) else stat.S_IROTH
+                if not mode & needed:
+                    found.setdefault(each, given)
+                    break
     return found
+
+
+def hidden(lab: Lab, variables: Mapping[str, str]) -> list[Path]:
+    """Return the folders and files that a unit does not see: it has a /tmp of its own."""
+    return [
+        path
+        for path in dict.fromkeys(_needed(lab, variables))
+        if any(path.resolve().is_relative_to(each) for each in _PRIVATE)
+    ]
+
+
+def _needed(lab: Lab, variables: Mapping[str, str]) -> Iterator[Path]:
+    """Yield the folders and files that a unit reads, those that are there."""
+    yield from (Path(sys.prefix), Path(sys.base_prefix), lab.path.parent.resolve())
+    yield from (path for _, path in _paths(variables) if path.exists())
+    for name in SEARCH_PATHS:
+        for each in filter(None, variables.get(name, "").split(":")):
+            if Path(each).exists():
+                yield Path(each)
+    if keys := variables.get(KEYSTORE):
+        for device in lab.devices.values():
+            if device.enclave:
+                yield from sorted(Path(keys, "enclaves", device.enclave.strip("/")).glob("*"))
 
 
 def not_working(lab: Lab, variables: Mapping[str, str]) -> str:
@@ -166,7 +205,7 @@ def _refuse_opened(lab: Lab, shell: Mapping[str, str]) -> None:
     opened = {
         name: said[name]
         for name in _OPENING
-        if said.get(name) and name not in of_file and said[name] not in _OF_THIS_MACHINE
+        if said.get(name) not in (None, "", *_OF_THIS_MACHINE) and said[name] != of_file.get(name)
     }
     if opened.get(RANGE, RANGES[0]) not in RANGES or said.get(LOCALHOST_ONLY) == "1":
         opened.pop(RANGE, None)  # ROS 2 takes it for LOCALHOST
@@ -176,7 +215,8 @@ def _refuse_opened(lab: Lab, shell: Mapping[str, str]) -> None:
             f"{assignments(opened)} would let other machines command the devices, and the lab file does not "
             "say so",
             where=str(lab.path),
-            remedy=f"Write environment = {{ {table} }} into it, or `unset {' '.join(opened)}`.",
+            remedy=f"Write environment = {{ {table} }} into it; or leave it out of --env, and "
+            f"`unset {' '.join(opened)}`.",
         )
 
 
@@ -184,14 +224,9 @@ def _paths(variables: Mapping[str, str]) -> Iterator[tuple[str, Path]]:
     for name in FILES:
         if variables.get(name):
             yield name, Path(variables[name])
-    for each in _uris(variables.get(CYCLONE, "")):
+    for each in uris(variables.get(CYCLONE, "")):
         if each and not each.startswith("<"):
             yield CYCLONE, Path(each.removeprefix("file://"))
-
-
-def _uris(value: str) -> list[str]:
-    """Return the parts of `CYCLONEDDS_URI`: files, or one piece of XML that may have commas."""
-    return [value] if "<" in value else value.split(",")
 
 
 def _not_of_wheels(name: str, value: str) -> str:
@@ -204,18 +239,3 @@ def _not_of_wheels(name: str, value: str) -> str:
         return path == own / "lib" or (path.suffix == ".libs" and path.is_relative_to(own))
 
     return ":".join(each for each in value.split(":") if not is_added(Path(each).resolve()))
-
-
-def _absolute(name: str, value: str) -> str:
-    """Return a value whose relative paths count from here: a unit runs elsewhere."""
-    if name in SEARCH_PATHS:
-        return ":".join(os.path.abspath(each) for each in value.split(":") if each)
-    if name in FILES:
-        return os.path.abspath(value)
-    if name == CYCLONE:
-        has_scheme = [each.startswith(("<", "file:")) or "<" in each for each in _uris(value)]
-        return ",".join(
-            each if is_whole else os.path.abspath(each)
-            for each, is_whole in zip(_uris(value), has_scheme, strict=True)
-        )
-    return value

@@ -105,6 +105,7 @@ def write_units(lab: Lab, folder: Path, place: Path | None = None) -> list[Path]
     """
     texts = {folder / name: text for name, text in units_of(lab, place or folder).items()}
     try:
+        whole = {path: text.encode() for path, text in texts.items()}
         for path in texts:
             if path.exists() and not path.read_text("utf-8").startswith(HEADER):
                 raise ConfigError(
@@ -113,9 +114,10 @@ def write_units(lab: Lab, folder: Path, place: Path | None = None) -> list[Path]
                     remedy="Move it away, or give another folder.",
                 )
         folder.mkdir(parents=True, exist_ok=True)
-        for path, text in texts.items():
-            path.write_text(text, "utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        for path, text in whole.items():
+            path.write_bytes(text)
+            path.chmod(0o644)  # the user of a unit reads it
+    except (OSError, UnicodeError) as error:
         raise ConfigError(f"units cannot be written: {error}", where=str(folder)) from error
     return list(texts)
 
@@ -210,11 +212,6 @@ def _escaped(text: str) -> str:
 
 def _quoted(word: str, dollar: str = "$$") -> str:
     """Return an argument as `ExecStart` takes it; `Environment` takes a dollar as it is."""
-    inner = (
-        word.replace("%", "%%")
-        .replace("\\", "\\\\")
-        .replace("\n", "\\n")
-        .replace('"', '\\"')
-        .replace("$", dollar)
-    )
-    return f'"{inner}"'
+    inner = word.replace("%", "%%").replace("\\", "\\\\").replace('"', '\\"').replace("$", dollar)
+    # a line ends for systemd at a carriage return too
+    return '"' + "".join(f"\\x{ord(each):02x}" if each < " " else each for each in inner) + '"'

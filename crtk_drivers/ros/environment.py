@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,6 +27,7 @@ from crtk_drivers.config.variables import (
     dropped,
     elevated_by,
     is_domain,
+    is_unsaid,
     merged,
 )
 from crtk_drivers.errors import ConfigError, MissingExtra
@@ -40,6 +41,7 @@ __all__ = [
     "TRANSPORTS",
     "adopt",
     "check",
+    "not_started",
     "reach",
     "share_no_memory",
     "wheels_installed",
@@ -114,7 +116,11 @@ def _check_domain() -> None:
 
 def _check_kept() -> None:
     """Refuse to go on where `sudo` has dropped what decides whom this process meets."""
-    lost = {name: value for name, value in dropped(os.environ).items() if name in DECIDING}
+    lost = {
+        name: value
+        for name, value in dropped(os.environ).items()
+        if name in DECIDING and not is_unsaid(name, value)
+    }
     if lost:
         raise ConfigError(
             f"{elevated_by(os.environ)} has dropped {assignments(lost)}",
@@ -146,6 +152,21 @@ def reach() -> str:
         peers = os.environ.get(STATIC_PEERS, "")
         return f"from {peers} ({STATIC_PEERS})" if peers else ""
     return f"from anywhere in the local network ({RANGE} is {os.environ.get(RANGE) or 'not set'})"
+
+
+def not_started(error: Exception, ros_args: Sequence[str]) -> ConfigError:
+    """Return what to tell a user of an error of `rclpy.init`."""
+    if "logging directory" in str(error):
+        return ConfigError(
+            "ROS finds no folder for its logs: neither ROS_LOG_DIR nor HOME is set",
+            remedy="Set one of them: `export ROS_LOG_DIR=/tmp/ros_logs`.",
+        )
+    if not ros_args:
+        return ConfigError(f"ROS 2 does not start: {error}", remedy="Look at its variables: `env`.")
+    return ConfigError(
+        f"ROS does not accept the arguments {' '.join(ros_args)}: {error}",
+        remedy="They are as for any ROS 2 node: --ros-args -r from:=to -p name:=value",
+    )
 
 
 def share_no_memory() -> None:

@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from crtk_drivers.config import NodeConfig
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import ConfigError, DeviceError
+from crtk_drivers.ros import environment
 from crtk_drivers.ros.node import PUBLISHER_TIMEOUT, DriverNode
 from crtk_drivers.ros.spinning import SPIN_PERIOD, make_executor
 from crtk_drivers.session import Session
@@ -62,10 +63,7 @@ class Serving:
                 signal_handler_options=SignalHandlerOptions.NO,
             )
         except Exception as error:
-            raise ConfigError(
-                f"ROS does not accept the arguments {' '.join(ros_args)}: {error}",
-                remedy="They are as for any ROS 2 node: --ros-args -r from:=to -p name:=value",
-            ) from error
+            raise environment.not_started(error, ros_args) from error
         try:
             self.driver = DriverNode(engine, namespace, self._context, config)
             self._drivers = [self.driver, *self._behind(engine, children, config)]

@@ -284,9 +284,22 @@ def test_every_process_has_the_environment_of_the_lab(tmp_path, monkeypatch):
         assert (tmp_path / "logs" / f"{name}.log").read_text().startswith("42 yes\n")
 
 
+def test_relative_paths_of_the_shell_stay_where_they_were(tmp_path, monkeypatch):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", "keys")
+    say = "import os; print(os.environ['ROS_SECURITY_KEYSTORE'], flush=True)"
+    work = {"work": LabProgram("work", (*PYTHON, say), ())}
+    running = Supervisor(lab_of(tmp_path, work), tmp_path / "logs")
+    until(running, lambda: running.programs["work"].phase is Phase.ENDED, "it has ended")
+    running.stop()
+    assert (tmp_path / "logs" / "work.log").read_text() == f"{elsewhere}/keys\n"
+
+
 def test_a_missing_library_is_waited_for(lab, tmp_path):
     running = lab(other=FOREVER)
-    text = f"print('rclpy is not installed'); raise SystemExit({NOT_INSTALLED})"
+    text = f"print('rclpy is not installed\\n  hint: x'); raise SystemExit({NOT_INSTALLED})"
     arm = Child("arm", (*PYTHON, text), (), tmp_path / "logs" / "arm.log", True, delay=0.05)
     running.devices["arm"] = arm
     until(running, lambda: arm.restarts and arm.phase is Phase.RESTARTING, "it is tried again")

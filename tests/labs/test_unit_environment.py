@@ -5,6 +5,8 @@ import re
 import shlex
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -18,7 +20,16 @@ from crtk_drivers.config.variables import (
 )
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import device_command, load_lab
-from crtk_drivers.labs.units import units_of
+from crtk_drivers.labs.lab_commands import require_commands
+from crtk_drivers.labs.lab_file import load_teleop
+from crtk_drivers.labs.unit_environment import (
+    closed_to_others,
+    doubts,
+    hidden,
+    origin,
+    unit_environment,
+)
+from crtk_drivers.labs.units import units_of, write_units
 from crtk_drivers.ros import environment
 from rigs.waiting import LONG
 
@@ -26,6 +37,12 @@ LAB = """
 name = "bench"
 [devices.one]
 plugin = "loopback"
+"""
+TELEOP = """
+[teleop]
+leader = "one"
+follower = "/two"
+clutch = { topic = "/pedals/clutch" }
 """
 SAID = "environment = {{ {} }}\n"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -51,7 +68,8 @@ def lab(tmp_path):
 def variables_of(text: str) -> dict[str, str]:
     """What systemd makes of the lines of a unit, but for its specifiers."""
     words = [shlex.split(line)[0] for line in re.findall("^Environment=(.*)$", text, re.MULTILINE)]
-    found = (word.replace("%%", "%").partition("=") for word in words)
+    told = (re.sub(r"\\x([0-9a-f]{2})", lambda at: chr(int(at[1], 16)), word) for word in words)
+    found = (word.replace("%%", "%").partition("=") for word in told)
     return {name: value for name, _, value in found}
 
 
@@ -83,6 +101,19 @@ def test_only_the_lab_file_opens_the_network(lab, tmp_path, monkeypatch, said):
     )
 
 
+@pytest.mark.parametrize(
+    ("said", "typed"),
+    [
+        (f'{RANGE} = "LOCALHOST"', {RANGE: "SUBNET"}),
+        ('ROS_STATIC_PEERS = ""', {"ROS_STATIC_PEERS": "192.0.2.7"}),
+        ('ROS_STATIC_PEERS = "192.0.2.1"', {"ROS_STATIC_PEERS": "192.0.2.1;192.0.2.7"}),
+    ],
+)
+def test_a_closed_lab_file_is_not_opened_elsewhere(lab, tmp_path, said, typed):
+    with pytest.raises(ConfigError, match="would let other machines"):
+        unit(lab(said), tmp_path, environment=typed)
+
+
 def test_what_we_make_of_localhost_stays_localhost(lab, tmp_path, monkeypatch):
     monkeypatch.setenv(RANGE, "LOCALHOST")
     for name in environment.PROFILES:
@@ -101,7 +132,7 @@ def test_what_an_installed_ros_needs_is_carried(lab, tmp_path, monkeypatch):
     needed = {name: f"/opt/{name}" for name in (*DECIDING, *SEARCH_PATHS)}
     needed |= {"ROS_DOMAIN_ID": "7", RANGE: "LOCALHOST", "ROS_SECURITY_ENABLE": "true"}
     del needed["ROS_STATIC_PEERS"]
-    needed["CYCLONEDDS_URI"] = '<Domain id="any">50%, $HOME \\</Domain>'
+    needed["CYCLONEDDS_URI"] = '<Domain id="any">\r\n\t50%, $HOME \\ é</Domain>'
     needed |= {"RMW_FASTRTPS_PUBLICATION_MODE": "ASYNCHRONOUS", "CRTK_DRIVERS_ONLY": "loopback"}
     for name, value in needed.items():
         monkeypatch.setenv(name, value)
@@ -120,6 +151,52 @@ def test_relative_paths_count_from_where_they_were_said(lab, tmp_path, monkeypat
     assert found["PYTHONPATH"] == f"{tmp_path}/build:/opt/ros"
     assert found[environment.PROFILES[0]] == f"{tmp_path}/mine.xml"
     assert found["CYCLONEDDS_URI"] == f"file:///etc/a.xml,{tmp_path}/b.xml"
+
+
+def test_paths_of_a_lab_file_count_from_it(lab, tmp_path, monkeypatch):
+    path = lab('ROS_SECURITY_KEYSTORE = "keys", CYCLONEDDS_URI = "c.xml"')
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    found = unit(path, tmp_path, environment={"PYTHONPATH": "typed"})
+    assert found["ROS_SECURITY_KEYSTORE"] == f"{tmp_path}/keys"
+    assert found["CYCLONEDDS_URI"] == f"{tmp_path}/c.xml"
+    assert found["PYTHONPATH"] == f"{tmp_path}/elsewhere/typed"
+    assert origin(load_lab(path), "ROS_SECURITY_KEYSTORE") == "of the lab file"
+    environment_of_teleop = load_teleop(lab('PYTHONPATH = "src"', TELEOP)).environment
+    assert environment_of_teleop == {"PYTHONPATH": f"{tmp_path}/src"}
+
+
+def test_bytes_that_are_no_text_are_refused_whole(lab, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PYTHONPATH", os.fsdecode(b"/opt/\xff"))
+    units = tmp_path / "units"
+    assert main(["up", lab(), "--systemd", str(units)]) == 2
+    assert "PYTHONPATH: '/opt/\\udcff' is not UTF-8" in capsys.readouterr().err
+    assert not units.exists()
+
+
+def test_every_user_may_read_what_is_written(lab, tmp_path):
+    before = os.umask(0o077)
+    try:
+        write_units(load_lab(lab()), tmp_path / "units")
+    finally:
+        os.umask(before)
+    assert {path.stat().st_mode & 0o777 for path in (tmp_path / "units").iterdir()} == {0o644}
+
+
+def test_what_a_unit_cannot_read_is_named(lab, tmp_path):
+    with tempfile.TemporaryDirectory() as folder:  # below no closed one, as pytest's are
+        private = Path(folder)
+        private.chmod(0o755)
+        key = private / "keys/enclaves/one/crtk_driver/key.pem"
+        key.parent.mkdir(parents=True)
+        key.touch(0o600)
+        link = tmp_path / "link"
+        link.symlink_to(private / "keys")
+        found = load_lab(lab(f'ROS_SECURITY_ENABLE = true, ROS_SECURITY_KEYSTORE = "{link}"'))
+        assert key in closed_to_others(found, found.environment)
+        private.chmod(0o700)
+        assert closed_to_others(found, found.environment)[private] == link
+        assert link in hidden(found, found.environment)  # below /tmp
 
 
 def test_what_the_wheels_add_themselves_is_left_out(lab, tmp_path, monkeypatch):
@@ -215,6 +292,33 @@ def test_a_domain_is_asked_for_where_nobody_knows(lab, tmp_path, monkeypatch, ma
     assert unit(lab(), tmp_path)["ROS_DOMAIN_ID"] == "4"
 
 
+@pytest.mark.parametrize(
+    "said",
+    [
+        "ROS_DOMAIN_ID=0",
+        "ROS_LOCALHOST_ONLY=0",
+        f"{RANGE}=SUBNET",
+        "RMW_IMPLEMENTATION=rmw_fastrtps_cpp",
+        "ROS_SECURITY_ENABLE=false",
+        "FASTDDS_BUILTIN_TRANSPORTS=UDPv4",
+    ],
+)
+def test_what_changes_nothing_may_be_dropped(monkeypatch, said):
+    name, _, value = said.partition("=")
+    monkeypatch.setenv("SUDO_USER", "somebody")
+    monkeypatch.setattr("crtk_drivers.config.variables.before", lambda program: {name: value})
+    environment.check()
+
+
+def test_what_was_dropped_is_told_as_said(monkeypatch):
+    made = dict.fromkeys(environment.PROFILES, str(environment.LOOPBACK))
+    made[RANGE] = "SYSTEM_DEFAULT"
+    monkeypatch.setenv("SUDO_USER", "somebody")
+    monkeypatch.setattr("crtk_drivers.config.variables.before", lambda program: made)
+    with pytest.raises(ConfigError, match=f"sudo has dropped {RANGE}=LOCALHOST[.]"):
+        environment.check()
+
+
 # --------------------------------------------------------------------------------- what may be said
 
 
@@ -224,6 +328,9 @@ def test_a_domain_is_asked_for_where_nobody_knows(lab, tmp_path, monkeypatch, ma
         ("ROS_DOMAIN_ID = 300", "not a ROS domain"),
         (f'{RANGE} = "localhost"', "none of LOCALHOST"),
         ("ROS_DOMAINID = 4", "Did you mean 'ROS_DOMAIN_ID'"),
+        ("ROS_SECURITY_ENABLE = 1", "'1' is none of false, true"),
+        ('ROS_SECURITY_STRATEGY = "enforce"', "'enforce' is none of Permissive, Enforce"),
+        ('ROS_LOCALHOST_ONLY = "true"', "'true' is none of 0, 1"),
         ('"A B" = "c"', "no name of a variable"),
         ('A = "b\\nc"', "more than one line"),
     ],
@@ -231,6 +338,35 @@ def test_a_domain_is_asked_for_where_nobody_knows(lab, tmp_path, monkeypatch, ma
 def test_a_variable_that_cannot_be_right_is_refused(lab, capsys, said, why):
     with pytest.raises(ConfigError, match=why):
         load_lab(lab(said))
+
+
+def test_yes_and_no_are_as_ros_reads_them(lab):
+    said = f"ROS_LOCALHOST_ONLY = true, ROS_SECURITY_ENABLE = false, {RANGE} = false"
+    found = load_lab(lab(said)).environment
+    assert (found["ROS_LOCALHOST_ONLY"], found["ROS_SECURITY_ENABLE"]) == ("1", "false")
+    assert found[RANGE] == "OFF"  # as YAML reads OFF
+    assert load_lab(lab("OTHER_ROS_DOMAIN_ID = 3")).environment["OTHER_ROS_DOMAIN_ID"] == "3"
+
+
+def test_two_that_contradict_are_told(lab):
+    found = load_lab(lab(f'ROS_LOCALHOST_ONLY = 1, {RANGE} = "SUBNET"'))
+    assert "ROS_LOCALHOST_ONLY=1 goes over" in " ".join(doubts(unit_environment(found)))
+
+
+def test_programs_are_found_in_the_path_of_the_lab(lab, tmp_path):
+    tool = tmp_path / "bin" / "mine"
+    tool.parent.mkdir()
+    tool.write_text("#!/bin/sh\n")
+    tool.chmod(0o755)
+    program = '[programs.p]\ncommand = ["mine"]\n'
+    require_commands(load_lab(lab(f'PATH = "{tool.parent}"', program)))
+    with pytest.raises(ConfigError, match="no program 'mine' in PATH"):
+        require_commands(load_lab(lab(more=program)))
+
+
+def test_ros_without_a_home_says_so(monkeypatch):
+    error = RuntimeError("failed to initialize logging: Failed to get logging directory, at x")
+    assert "neither ROS_LOG_DIR nor HOME is set" in str(environment.not_started(error, ()))
 
 
 def test_a_variable_is_typed_with_its_value(lab, capsys):
