@@ -70,7 +70,8 @@ class Tolerant(Protocol):
 class LineDecoder(Generic[Message]):
     """Messages that are lines of text. A line that is none is left out; the next one counts again.
 
-    The first line of a connection may be the end of one that began before: it is left out uncounted.
+    The first line of a connection may be the end of one that began before: if it is none, it is not counted.
+    Where half a line may be a whole one (numbers alone), give lines of a stream a head or a checksum.
 
     Args:
         parse: returns the message of a line, without its end; raises ValueError if it is damaged, and
@@ -231,6 +232,8 @@ class SeekingDecoder(Generic[Message]):
         self._rest = b""
         self._left_out = 0
         self._in_step = False
+        self._told = 0
+        """Bytes of what has come that belong to a damaged frame which is counted already."""
 
     @property
     def pending(self) -> int:
@@ -245,22 +248,29 @@ class SeekingDecoder(Generic[Message]):
             if not self._rest.startswith(self._head):
                 self._leave_out()
                 continue
+            size = len(self._head)
             try:
                 size = self._size(self._rest)
                 if not 0 < size <= len(self._rest):
                     break
                 message = self._parse(self._rest[:size])
             except ValueError:
-                if self._in_step:
-                    self.damage.left_out(self._rest[:_SHOWN].hex(" "))
+                self._damaged(size)
                 self._leave_out()
                 continue
-            self._rest = self._rest[size:]
+            self._rest, self._told = self._rest[size:], 0
             self.corrupt += bool(self._left_out) and self._in_step
             self._left_out, self._in_step = 0, True
             self.damage.sound()
             found.append(message)
         return found
+
+    def _damaged(self, size: int) -> None:
+        """Count a damaged frame, but not the heads that are found in it when it is searched for the next."""
+        if not self._told:
+            if self._in_step:
+                self.damage.left_out(self._rest[:_SHOWN].hex(" "))
+            self._told = size
 
     def _leave_out(self) -> None:
         """Go on to where the next frame may begin."""
@@ -271,5 +281,6 @@ class SeekingDecoder(Generic[Message]):
                 (size for size in cut if self._rest.endswith(self._head[:size])), 0
             )
         self._rest = self._rest[at:]
+        self._told = max(0, self._told - at)
         self._left_out += at
         self.strange += at

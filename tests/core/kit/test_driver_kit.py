@@ -19,6 +19,7 @@ from crtk_drivers.kit import (
     MessageLink,
     RequestWorker,
     RoundRobin,
+    SeekingDecoder,
     TcpTransport,
     UdpTransport,
     until,
@@ -230,6 +231,30 @@ def test_a_damaged_frame_is_left_out_and_counted():
     assert decoder.feed(b":\x031:\x03x:\x032") == [1, 2]
     assert decoder.damage.total == 1
     assert decoder.damage.last.startswith("3a 03 78: invalid literal")
+
+
+def summed(body: bytes) -> bytes:
+    """Return the body of a frame of eight bytes: a head of one, and the sum of the others at its end."""
+    if sum(body[1:7]) & 0xFF != body[7]:
+        raise ValueError("its sum is wrong")
+    return body[1:7]
+
+
+@pytest.mark.parametrize("cut", range(25))
+def test_one_damaged_frame_counts_once_whatever_is_in_it(cut):
+    """Bytes like its head are in it, which begin no frame."""
+    decoder = SeekingDecoder(b"\x02", lambda _: 8, summed)
+    good = b"\x02abcdef" + bytes([sum(b"abcdef") & 0xFF])
+    data = good + b"\x02" * 7 + b"x" + good
+    assert decoder.feed(data[:cut]) + decoder.feed(data[cut:]) == [b"abcdef"] * 2
+    assert decoder.damage.total == 1
+
+
+def test_damaged_frames_in_a_row_are_counted_each():
+    decoder = SeekingDecoder(b"\x02", lambda _: 8, summed)
+    good = b"\x02abcdef" + bytes([sum(b"abcdef") & 0xFF])
+    assert decoder.feed(good + 3 * (b"\x02\x02bcdefx") + good) == [b"abcdef"] * 2
+    assert decoder.damage.total == 3
 
 
 def test_a_link_returns_messages_and_begins_anew(listener, transport):
