@@ -10,6 +10,7 @@ from typing_extensions import override
 from crtk_driver_ndi.codec import error_text
 from crtk_driver_ndi.config import NdiConfig
 from crtk_driver_ndi.frames import PARSERS, STRAY_PARSERS, SYSTEM_STATUS, Frame, told
+from crtk_driver_ndi.setup import ASK_STEP, step_told
 from crtk_driver_ndi.stream import FrameStream
 from crtk_driver_ndi.tool import MM, STOP, ToolDevice, place_of
 from crtk_driver_ndi.tracker import WRONG_MODE, Tracker
@@ -168,6 +169,7 @@ class NdiDevice(Sensor):
         tracker, prepared = self._tracker, self._tracker.prepared
         assert prepared is not None
         tracker.condition = Condition()
+        step = step_told((yield from tracker.asking(ASK_STEP)))
         error = (yield from tracker.asking("TSTART:80")).error
         if error not in (None, WRONG_MODE):  # that: it tracks already
             raise self._refused("TSTART:80", error)
@@ -177,7 +179,7 @@ class NdiDevice(Sensor):
             error = (yield from tracker.asking(parsers[kind][0])).error
             if error is None:
                 logger.info("%s: it tracks, and tells frames by %s", self.address, kind)
-                tracker.stream = FrameStream(family.rate, kind, parsers, prepared.step)
+                tracker.stream = FrameStream(family.rate, kind, parsers, step)
                 return
         raise self._refused("the question for frames", error)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from crtk_driver_ndi.codec import Reply, command, error_text, reply_decoder
 from crtk_driver_ndi.config import BAUDS, NdiConfig
+from crtk_drivers.device.giving_up import is_given_up
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, DeviceError, ProtocolError
 from crtk_drivers.kit import MessageLink, TcpTransport, Transport
 
@@ -76,7 +77,7 @@ class NdiLink:
         self._config = config
         self._port: SerialPort | None = None
         self._tcp = TcpTransport(
-            config.host, config.tcp_port, "ndi", _REMEDY, aborted=lambda: self._is_given_up
+            config.host, config.tcp_port, "ndi", _REMEDY, aborted=lambda: self.is_given_up
         )
         transport: Transport = self._tcp
         if config.transport == "serial":
@@ -115,8 +116,9 @@ class NdiLink:
         self._aborted = True
 
     @property
-    def _is_given_up(self) -> bool:
-        return self._aborted and not self.is_ready
+    def is_given_up(self) -> bool:
+        """Whether nothing can be asked here and now: the program ends while the tracker is opened."""
+        return (self._aborted and not self.is_ready) or is_given_up()
 
     def close(self) -> None:
         """Disconnect. May be called twice."""
@@ -181,7 +183,7 @@ class NdiLink:
 
     def _await(self, deadline: float) -> Reply | None:
         while (now := time.monotonic()) < deadline:
-            if self._is_given_up:
+            if self.is_given_up:
                 raise ConnectionLost("given up: the driver is being shut down", where=self.where)
             reply = self.receive(min(deadline, now + PIECE))
             if reply is not None:

@@ -7,13 +7,14 @@ handles first: a tool that a dead client has left initialised cannot be initiali
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from string import hexdigits
 from typing import Final
 
 from typing_extensions import override
 
+from crtk_driver_ndi.codec import Reply
 from crtk_driver_ndi.config import NdiConfig, ToolConfig
 from crtk_driver_ndi.families import (
     FREQUENCIES,
@@ -27,7 +28,17 @@ from crtk_driver_ndi.link import NdiLink, Refused
 from crtk_driver_ndi.rom import LEAST_MARKERS, TYPES, read_rom
 from crtk_drivers.errors import ConfigError, ConnectionFailed, ProtocolError
 
-__all__ = ["Identity", "PortInfo", "Prepared", "free", "handles_of", "identify", "prepare"]
+__all__ = [
+    "ASK_STEP",
+    "Identity",
+    "PortInfo",
+    "Prepared",
+    "free",
+    "handles_of",
+    "identify",
+    "prepare",
+    "step_told",
+]
 
 logger = logging.getLogger(__name__)
 
@@ -43,6 +54,9 @@ NO_DEFINITION: Final = frozenset({0x2C, 0x40})
 _NEEDS_DEFINITION: Final = (
     "; a tool without a definition of its own needs rom, beside port and channel"
 )
+
+ASK_STEP: Final = f"GET:{TRACK_FREQUENCY}"
+"""What is asked before each start: another client may have set it since."""
 
 _ENABLE_AS: Final[Mapping[int, str]] = {1: "S", 3: "B"}
 """Tracking priority by main type: static for a reference, button box; dynamic else."""
@@ -113,11 +127,9 @@ class Prepared:
         handles: of the tools, by their place in the configuration; without those that are not plugged in.
         infos: of all handles.
         problems: of handles that nobody asked for, in words.
-        step: by how much frame numbers rise from frame to frame; 0 if it does not say.
     """
 
     identity: Identity
-    step: int = 0
     handles: dict[int, int] = field(default_factory=dict)
     infos: dict[int, PortInfo] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
@@ -161,19 +173,28 @@ def _set_frequency(link: NdiLink, wanted: int, deadline: float) -> None:
             ) from refusal
 
 
-def _step_of(link: NdiLink, deadline: float) -> int:
-    """Return by how much frame numbers rise; 0 if the tracker does not say."""
-    try:
-        told = link.ask(f"GET:{TRACK_FREQUENCY}", deadline).text
-    except Refused:  # older than this command
+def step_told(reply: Reply) -> int:
+    """Return by how much frame numbers rise, by the reply to `ASK_STEP`; 0 if it does not say."""
+    if reply.error is not None:  # older than this command
         return 0
-    return STEPS.get(told.rpartition("=")[2].strip(), 0)
+    return STEPS.get(reply.text.rpartition("=")[2].strip(), 0)
 
 
 def prepare(
-    link: NdiLink, config: NdiConfig, tools: Sequence[ToolConfig], deadline: float
+    link: NdiLink,
+    config: NdiConfig,
+    tools: Sequence[ToolConfig],
+    deadline: float,
+    taken: set[int],
 ) -> Prepared:
     """Initialise a tracker and its tools.
+
+    Args:
+        link: to it.
+        config: of it.
+        tools: which are wanted.
+        deadline: monotonic seconds.
+        taken: gets the handles that are to be freed in the end, also where this fails.
 
     Raises:
         ConfigError: the definition of a tool cannot be read.
@@ -192,7 +213,6 @@ def prepare(
             link.ask(f"VSEL:{config.volume}", deadline)
         if config.track_frequency is not None:
             _set_frequency(link, config.track_frequency, deadline)
-        prepared.step = _step_of(link, deadline)
         for which in (TO_BE_FREED, ALL):
             for handle in _handles(link, which, deadline):
                 link.ask(f"PHF:{handle:02X}", deadline)
@@ -200,13 +220,13 @@ def prepare(
         raise ConnectionFailed(refusal.message, where=link.where, remedy=WORKS) from refusal
     for place, tool in enumerate(tools):
         if tool.is_wireless:
-            prepared.handles[place] = _upload(link, tool, deadline)
-    _initialise(link, tools, prepared, deadline)
+            prepared.handles[place] = _upload(link, tool, deadline, taken)
+    _initialise(link, tools, prepared, deadline, taken)
     _enable(link, tools, prepared, deadline)
     return prepared
 
 
-def _upload(link: NdiLink, tool: ToolConfig, deadline: float) -> int:
+def _upload(link: NdiLink, tool: ToolConfig, deadline: float, taken: set[int]) -> int:
     """Let the tracker know a wireless tool, and return its handle."""
     count = len(read_rom(tool.rom).markers)
     if count < LEAST_MARKERS:
@@ -221,6 +241,7 @@ def _upload(link: NdiLink, tool: ToolConfig, deadline: float) -> int:
         refusal = _tool_refused(link, tool, error)
         refusal.remedy += " A wired tool without a definition of its own needs its port beside rom."
         raise refusal from error
+    taken.add(handle)
     _write(link, tool, handle, deadline)
     return handle
 
@@ -235,7 +256,11 @@ def _write(link: NdiLink, tool: ToolConfig, handle: int, deadline: float) -> Non
 
 
 def _initialise(
-    link: NdiLink, tools: Sequence[ToolConfig], prepared: Prepared, deadline: float
+    link: NdiLink,
+    tools: Sequence[ToolConfig],
+    prepared: Prepared,
+    deadline: float,
+    taken: set[int],
 ) -> None:
     written = {handle: tools[place] for place, handle in prepared.handles.items()}
     tried: set[int] = set()
@@ -251,6 +276,7 @@ def _initialise(
                 if place is not None:
                     _write(link, tools[place], handle, deadline)
                     written[handle], prepared.handles[place] = tools[place], handle
+            taken.add(handle)
             try:
                 link.ask(f"PINIT:{handle:02X}", deadline)
             except Refused as refusal:
@@ -316,13 +342,13 @@ def _doubted(tools: Sequence[ToolConfig], prepared: Prepared) -> Iterator[str]:
             yield text
 
 
-def free(link: NdiLink, prepared: Prepared, deadline: float) -> None:
+def free(link: NdiLink, taken: Iterable[int], deadline: float) -> None:
     """Free the handles of all tools: initialised ones cannot be initialised by another program.
 
     Raises:
         ConnectionFailed, ConnectionLost: the tracker does not answer by the monotonic `deadline`.
     """
-    for handle in {*prepared.handles.values(), *prepared.infos}:
+    for handle in taken:
         try:
             link.ask(f"PHF:{handle:02X}", deadline)
         except Refused as refusal:  # unplugged since, or freed by another client

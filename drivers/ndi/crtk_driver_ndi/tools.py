@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Final
 
 from pydantic import Field
@@ -17,6 +17,7 @@ from crtk_driver_ndi.link import NdiLink, Refused
 from crtk_driver_ndi.rom import LEAST_MARKERS, TYPES, Rom, read_rom
 from crtk_driver_ndi.setup import PortInfo, Prepared, free, identify, prepare
 from crtk_drivers.config import Settings
+from crtk_drivers.errors import DeviceError
 from crtk_drivers.plugins import Tool
 
 _OUT = Console(highlight=False)
@@ -95,8 +96,12 @@ def info(config: NdiConfig, options: NoOptions) -> int:
 def scan(config: NdiConfig, options: NoOptions) -> int:
     """Initialise a tracker, print what is plugged in as a configuration has it, and free it again."""
     with _connected(config) as (link, deadline):
-        prepared = prepare(link, config, (), deadline)
-        free(link, prepared, deadline)
+        taken: set[int] = set()
+        try:
+            prepared = prepare(link, config, (), deadline, taken)
+        finally:
+            with suppress(DeviceError):  # what went wrong before is what is told
+                free(link, taken, deadline)
     _OUT.print(f"{prepared.identity.family.product} at {link.where}", markup=False)
     for information in prepared.infos.values():
         _OUT.print(f"\n# {information}", markup=False)

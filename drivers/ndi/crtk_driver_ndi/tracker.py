@@ -38,7 +38,7 @@ ALIVE: Final = 0.1
 REPLY: Final = 0.4
 """Seconds after which an answer that did not come is asked for again."""
 FAREWELL: Final = 1.0
-"""Seconds in which all tools are freed, or not, when it is closed."""
+"""Seconds in which tracking is stopped and all tools are freed, or not, when it is closed."""
 MOST_DAMAGED: Final = 5
 """Damaged replies one after the other that are no accident any more."""
 SURPLUS: Final = 20
@@ -79,6 +79,8 @@ class Tracker:
         self.alive = 0.0
         self.condition = Condition()
         self._link = NdiLink(config)
+        self._taken: set[int] = set()
+        """Handles to be freed."""
         self._asked = ""
         self._asked_at = 0.0
         self._request = ""
@@ -125,17 +127,17 @@ class Tracker:
         self.close()
         try:
             self._link.open(deadline)
-            prepared = prepare(self._link, self.config, self.config.tools, deadline)
+            prepared = prepare(self._link, self.config, self.config.tools, deadline, self._taken)
             known = handles_of(self._link.ask(_HANDLES, deadline).text)
             self._require_in_step(deadline)
         except (Refused, ConnectionLost, ProtocolError, ValueError) as error:
-            self._link.close()
+            self._give_up(deadline)
             what, remedy = f"{error}", ""
             if isinstance(error, DeviceError):
                 what, remedy = error.message, error.remedy
             raise ConnectionFailed(what, where=self._link.where, remedy=remedy) from error
         except BaseException:
-            self._link.close()
+            self._give_up(deadline)
             raise
         self._known = frozenset(known)
         self._damaged, self._doubts, self._asked, self._request = 0, 0, "", ""
@@ -153,29 +155,43 @@ class Tracker:
 
         A handle that stays initialised makes PINIT of the next program fail (ERROR13).
         """
-        prepared, self.prepared, self.stream = self.prepared, None, None
-        if prepared is not None:
+        self._leave(time.monotonic() + FAREWELL)
+
+    def _give_up(self, deadline: float) -> None:
+        """Leave a tracker that cannot be used; one that may not be asked now is left by `close`."""
+        if not (self._taken and self._link.is_given_up):
+            self._leave(min(deadline, time.monotonic() + FAREWELL))
+
+    def _leave(self, deadline: float) -> None:
+        was_prepared = self.prepared is not None
+        taken, self._taken = self._taken, set()
+        self.prepared = self.stream = None
+        if taken or was_prepared:
+            self._link.is_ready = True  # it is to answer still
             try:
-                if self._stop():
-                    free(self._link, prepared, time.monotonic() + FAREWELL)
+                if self._stop(deadline):
+                    free(self._link, taken, deadline)
             except DeviceError as error:  # TSTOP was sent, if there is a link
                 logger.debug("%s: it is not left in order: %s", self.address, error)
         self._link.close()
 
-    def _stop(self) -> bool:
-        """Send TSTOP, and once more where nothing answers it; return whether anything did at last.
+    def _stop(self, deadline: float) -> bool:
+        """Send TSTOP, and once more where nothing sound answers it; return whether anything did at last.
 
         Replies to questions before it are left out.
 
         Raises:
-            ConnectionLost, ProtocolError: the link is gone, or a reply is damaged.
+            ConnectionLost: the link is gone.
         """
         for _ in range(2):
             self._link.send("TSTOP:")
-            deadline = time.monotonic() + REPLY
-            while (reply := self._link.receive(deadline)) is not None:
-                if reply.error is not None or reply.text.startswith("OKAY"):
-                    return True
+            until = min(deadline, time.monotonic() + REPLY)
+            try:
+                while (reply := self._link.receive(until)) is not None:
+                    if reply.error is not None or reply.text.startswith("OKAY"):
+                        return True
+            except ProtocolError as error:
+                logger.debug("%s: %s; it is sent again", self.address, error)
         return False
 
     def _require_in_step(self, deadline: float) -> None:

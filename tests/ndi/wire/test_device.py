@@ -20,6 +20,7 @@ from crtk_drivers.cli import main
 from crtk_drivers.errors import ConfigError, ConnectionFailed, TransitionFailed
 from crtk_drivers.geometry.frames import product
 from crtk_drivers.samples import Pose, Poses, Stamp
+from crtk_drivers.session import Session
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.process import RunningSim
 from rigs.ndi_bench import (
@@ -256,6 +257,20 @@ def test_a_slower_track_frequency_loses_nothing(replies: str, set_by: str) -> No
         assert bench.counters["frame_rate"] == pytest.approx(20.0, rel=0.02)
 
 
+def test_another_track_frequency_counts_from_enable_on() -> None:
+    """Another client has set it, while this one tracked nothing."""
+    with simulated() as sim, ndi_bench(sim) as bench:
+        bench.tracking()
+        bench.front.disable()
+        with socket.create_connection((sim.host, sim.ports["tcp"]), timeout=LONG) as other:
+            other.sendall(command("SET:Param.Tracking.Track Frequency=0"))
+            assert other.recv(100).startswith(b"OKAY")
+        bench.front.enable()
+        eventually(lambda: bench.counters["frames"] >= 20, "1 s of frames")
+        assert sim.control.status()["step"] == 3
+        assert bench.counters["lost"] <= 2
+
+
 def test_a_track_frequency_that_it_does_not_have_is_refused() -> None:
     with simulated(family="aurora") as sim:
         device = NdiDevice(configuration(sim, track_frequency=30))
@@ -305,6 +320,34 @@ def test_the_next_program_can_initialise_every_tool(vega: RunningSim, left: str)
         ):
             other.sendall(command(text))
             assert other.recv(100).startswith(start), text
+
+
+def initialised(sim: RunningSim) -> list[str]:
+    """Return the handles that are initialised, by the simulated tracker."""
+    handles = str(sim.control.status()["handles"]).split()
+    return [each for each in handles if int(each.partition(":")[2], 16) & 0x10]
+
+
+def test_an_open_that_fails_frees_its_tools() -> None:
+    with simulated() as sim:
+        device = NdiDevice(configuration(sim, tools=WIRED))
+        sim.control.inject("error", command="PENA")
+        with pytest.raises(ConnectionFailed, match="PENA"):
+            device.open(time.monotonic() + LONG)
+        assert not initialised(sim)
+        device.close()
+        assert not initialised(sim)
+
+
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_closing_while_opening_frees_the_tools(transport: str) -> None:
+    with simulated() as sim:
+        sim.control.inject("swallow", command="PENA")
+        session = Session(PLUGIN, configuration(sim, tools=WIRED, transport=transport))
+        session.start()
+        eventually(lambda: len(initialised(sim)) == 2, "both tools are initialised")
+        session.close(LONG)
+        assert not initialised(sim)
 
 
 def test_what_a_dead_client_has_left_is_freed_first() -> None:
