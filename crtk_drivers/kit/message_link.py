@@ -87,14 +87,25 @@ class MessageLink(Generic[Message]):
                 were damaged.
         """
         while data := self._transport.read(deadline):
-            try:
-                messages = self._decoder.feed(data)
-            except BadData as error:
-                self._refuse(str(error))
-            self._judge()
+            messages = self._fed(data)
             if messages or time.monotonic() >= deadline:
                 return messages  # what goes on coming, and is no message, is waited for no longer
         return []
+
+    def came(self) -> list[Message]:
+        """Return what has come by now, without waiting: for who asks, before the next question.
+
+        Such answers came late. Each one that stays would be taken for the answer to a later question, and all
+        that is measured would be older than its stamp from then on.
+
+        Raises:
+            ConnectionLost, ProtocolError: see `read`.
+        """
+        messages: list[Message] = []
+        end = time.monotonic() + _FLOOD
+        while time.monotonic() < end and (data := self._transport.read(0.0)):
+            messages += self._fed(data)
+        return messages
 
     def await_message(
         self,
@@ -173,6 +184,14 @@ class MessageLink(Generic[Message]):
     @property
     def _damage(self) -> Damage:
         return self._decoder.damage if isinstance(self._decoder, Tolerant) else Damage()
+
+    def _fed(self, data: bytes) -> list[Message]:
+        try:
+            messages = self._decoder.feed(data)
+        except BadData as error:
+            self._refuse(str(error))
+        self._judge()
+        return messages
 
     def _begin_anew(self) -> None:
         self._damaged += self._damage.total

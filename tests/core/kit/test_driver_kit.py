@@ -317,6 +317,24 @@ def test_what_never_ends_a_line_is_lost(link, counter):
         link.read(soon())
 
 
+def test_late_datagrams_are_answers_to_no_later_question():
+    """Each is read for itself: those that stay make all that follow late, one by one."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
+        device.bind(("127.0.0.1", 0))
+        device.settimeout(LONG)
+        link = MessageLink(UdpTransport(*device.getsockname()), lambda: LineDecoder(int))
+        link.open(soon())
+        link.write(b"?")
+        _, asker = device.recvfrom(8)
+        for late in (b"1\n", b"x\n", b"2\n"):
+            device.sendto(late, asker)
+        assert link.came() == [1, 2]
+        assert link.came() == []
+        device.sendto(b"3\n", asker)
+        assert link.read(soon()) == [3]
+        link.close()
+
+
 def test_the_message_that_is_wanted_is_waited_for(link, counter):
     counter.sendall(b"ney\n7\n300\n")
     assert link.await_message(soon(), lambda number: number > 99, ask=b"?") == 300

@@ -1,5 +1,7 @@
 """The sensor against the contract of crtk-drivers, and what the contract cannot know."""
 
+import time
+
 import pytest
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.plugins import SimControl
@@ -38,6 +40,23 @@ class TestMySensor(DeviceContract):
         assert arm.tare() == "the present load is zero"
         self.wait_samples(arm, 2)
         assert arm.measured_cf().force == pytest.approx([0.0, 0.0, 0.0], abs=0.02)
+
+    def test_what_it_measures_is_new_after_it_tared(self, session: Session) -> None:
+        """No acknowledgement is taken for an answer: later answers would be late."""
+        device, deadline = session.engine.device, time.monotonic() + self.timeout
+        try:
+            device.open(deadline)
+            for _ in range(5):
+                for _ in device.services["tare"].run():
+                    device.read(deadline)
+            control(session).inject("load", force=50.0)
+            device.read(deadline)  # of one that streams, this may be under way already
+            sample = device.read(deadline)
+        finally:
+            device.close()
+            session.close()
+        assert sample is not None
+        assert sample.values["measured_cf"].force[2] == pytest.approx(50.0, abs=0.1)
 
     def test_an_overload_is_told(self, arm: LocalDevice, session: Session) -> None:
         """As a reading of its own."""

@@ -76,16 +76,21 @@ class MySensorDevice(Sensor):
 
     @override
     def read(self, deadline: float) -> Sample | None:
+        self._take(self._link.came())  # late answers, to older questions
         self._link.write(ASK)
-        messages = self._link.read(deadline)
-        self._tared = self._tared or TARED in messages
-        measured = [message for message in messages if isinstance(message, Force)]
+        measured: list[Force] = []
+        while not measured and (messages := self._link.read(deadline)):
+            measured = self._take(messages)
         if not measured:
             return None
         self._newest = measured[-1]
         force = vector([0.0, 0.0, self._newest.force])
         wrench = Wrench(force, vector([0.0, 0.0, 0.0]), self._config.frame_id)
         return Sample(Stamp.now(), {"measured_cf": wrench})
+
+    def _take(self, messages: list[Force | str]) -> list[Force]:
+        self._tared = self._tared or TARED in messages
+        return [message for message in messages if isinstance(message, Force)]
 
     def _overload(self) -> Flag:
         return Flag(self._newest.overload)
