@@ -245,3 +245,15 @@ def test_what_is_under_way_is_not_for_the_next_client(server, control):
         client.write(b"new\n")
         assert client.take(4) == b"new\n"
         assert client.piece(0.3)[0] == b""
+
+
+def test_faults_of_both_ways_do_not_wait_for_each_other(control, client, kind):
+    """What is under way slowly to the client holds up nothing that is under way to the simulator."""
+    control.inject("delay", port=kind, seconds=1.0, direction="out")
+    client.write(b"slow\n")
+    control.status()  # it is under way
+    control.inject("coalesce", port=kind, seconds=0.05, direction="in")
+    begun = time.monotonic()
+    client.write(b"next\n")
+    assert client.take(10) == b"slow\nnext\n"
+    assert time.monotonic() - begun < 1.6

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Final
@@ -39,7 +40,7 @@ class FaultyLine:
         self._silent = False
         self._hooks: dict[str, wire.WireHook] = {}
         self._hook: wire.WireHook | None = None
-        self._waits = False
+        self._looks_at = math.inf
         self.clear()
 
     def begin(self, fault: Fault) -> None:
@@ -80,10 +81,12 @@ class FaultyLine:
                 if not self._silent:
                     self._ends[way](data)
         due = [lane.next_due for lane in self._lanes.values() if lane]
-        if due and not self._waits:
-            self._waits = True
-            self._loop.call_at(min(due), self._look_again)
+        if due and min(due) < self._looks_at:
+            self._looks_at = min(due)
+            self._loop.call_at(self._looks_at, self._look_again)
 
     def _look_again(self) -> None:
-        self._waits = False
+        if time.monotonic() < self._looks_at:
+            return  # an earlier look has asked for the next one
+        self._looks_at = math.inf
         self._deliver()
