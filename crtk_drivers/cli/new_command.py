@@ -167,7 +167,8 @@ def _variant(kind: Kind, link: Link | None, streams: bool) -> Variant:
         raise ConfigError(
             f"there is no template of one with --link {link}",
             where=f"new {kind}",
-            remedy=f"Leave it out: it has {' or '.join(links)}. README.md says how to change that.",
+            remedy=f"Leave it out: it has {' or '.join(links)}. To change that, take another transport of "
+            "crtk_drivers.kit in its device.py: TcpTransport, UdpTransport, serial_port.SerialPort.",
         )
     if streams and True not in streaming:
         raise ConfigError(
