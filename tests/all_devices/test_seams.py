@@ -95,7 +95,9 @@ class _CanopenSeam(_SeamRig, CanopenRig):
         path = self.folder / "drive.eds"
         with CanopenRig.simulator.spawn(nodes=1, eds=str(path)):
             text = path.read_text()
-        for key, value in {"608Fsub1": self.turn, "6092sub1": self.turn, "6065": 2**32 - 1}.items():
+        wanted = {"608Fsub1": self.turn, "6092sub1": self.turn}
+        wanted |= dict.fromkeys(("6065", "607F"), 2**32 - 1)
+        for key, value in wanted.items():
             default = re.compile(rf"(\[{key}\][^\[]*?DefaultValue=)\w+")
             text = default.sub(rf"\g<1>{value:.0f}", text)
         path.write_text(text)
