@@ -401,7 +401,8 @@ class _StateMethods:
     def _carry_out(self, command: str, done: Callable[[Status], bool], timeout: float) -> bool:
         """Send a command; return whether a status that arrives in time says that it is done.
 
-        `enable` waits for a driver that has not reached its device yet, and is then sent again.
+        `enable` waits for a driver that has not reached its device yet, and is then sent again: once for
+        each time that it was refused so, and not after another command, which it would contradict.
         """
         watch = self._tracker.watch()
         end = time.monotonic() + timeout
@@ -412,26 +413,44 @@ class _StateMethods:
             while True:
                 event = watch.next(max(0.0, end - time.monotonic()))
                 if event is None:
+                    is_done = self._tracker.has_status and done(self._tracker.latest)
                     if unreached is not None:
                         logger.warning("%s", unreached)
-                    return self._tracker.has_status and done(self._tracker.latest)
+                    elif timeout > 0.0 and not is_done and _is_lost(self._tracker.latest):
+                        logger.warning(
+                            "%s: it is in FAULT; the topic diagnostics says why", command
+                        )
+                    return is_done
                 if isinstance(event, Status):
                     if done(event):
                         return True
                     came_back = was_lost and not _is_lost(event)
                     was_lost = _is_lost(event)
-                    if unreached is not None and came_back:
-                        stamp = self._publish(command)
                 elif event.command == "state_command" and event.stamp_ns == stamp:
                     if command != "enable" or event.reason is not Reason.NOT_CONNECTED:
                         logger.warning("%s", event)
                         return False
                     unreached = event
                     was_lost = not self._tracker.has_status or _is_lost(self._tracker.latest)
-                    if not was_lost:  # it has come back since
-                        stamp = self._publish(command)
+                    came_back = not was_lost  # since then
+                elif unreached is not None and _contradicts(event, command):
+                    logger.warning("%s is not sent again: after it came %s", command, event)
+                    return False
+                else:
+                    continue
+                if unreached is not None and came_back:
+                    # Forgotten: DISABLED that comes later may be what somebody has asked for.
+                    unreached = None
+                    stamp = self._publish(command)
         finally:
             self._tracker.unwatch(watch)
+
+
+def _contradicts(refused: CommandRefused, command: str) -> bool:
+    """Whether a refused command of whomever asks for something else than `command`: each one is told."""
+    if refused.command == "hold":
+        return True
+    return refused.command == "state_command" and not refused.message.startswith(f"{command}: ")
 
 
 def _is_lost(status: Status) -> bool:

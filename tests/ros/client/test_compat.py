@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 from unittest.mock import patch
 
@@ -18,7 +19,9 @@ import crtk_drivers.client.compat as crtk
 import crtk_drivers.client.compat.v1_4 as crtk14
 from crtk_drivers.client.compat import utilities
 from crtk_drivers.commands import COMMANDS
+from crtk_drivers.device import Steps
 from crtk_drivers.engine import Engine
+from crtk_drivers.errors import DeviceFault
 from crtk_drivers.geometry.conversions import as_pose, have_kdl, to_kdl
 from crtk_drivers.samples import Pose
 from crtk_drivers.session import Session
@@ -191,6 +194,80 @@ def test_enable_waits_for_a_device_that_starts_late(ral: crtk.ral, served: Sessi
     assert arm.is_enabled()
     assert refused(engine) == before + 1, "it was sent again only once the device was there"
     assert arm.disable(LONG)
+
+
+@contextmanager
+def enabling_late(arm: Any, served: Session) -> Iterator[tuple[Future[bool], list[str]]]:
+    """An `enable` that waits for a device that is not there yet, and the state commands that come."""
+    device, engine = served.engine.device, served.engine
+    assert isinstance(device, LoopbackDevice)
+    heard: list[str] = []
+    hearers = engine.hearers
+    device.reachable = False
+    try:
+        assert arm.wait_for_operating_state("FAULT", LONG)
+        before = refused(engine)
+        engine.hearers = (*hearers, lambda _name, value, _stamp: heard.append(value.value))
+        with ThreadPoolExecutor(1) as pool:
+            enabled = pool.submit(arm.enable, 3.0)
+            eventually(lambda: refused(engine) > before, "enable is refused while nothing is there")
+            yield enabled, heard
+    finally:
+        device.reachable, engine.hearers = True, hearers
+        assert arm.disable(LONG)
+
+
+def test_a_late_enable_gives_way_to_disable(ral: crtk.ral, served: Session) -> None:
+    """Whoever sends it: that it is refused, since the device is not there, is heard by all."""
+    arm: Any = Arm(ral, crtk14)
+    with enabling_late(arm, served) as (enabled, heard):
+        arm.state_command("disable")
+        assert not enabled.result(2.0), "it does not wait any longer"
+        served.engine.device.reachable = True  # type: ignore[attr-defined]
+        assert arm.wait_for_operating_state("DISABLED", LONG)
+        assert heard == ["enable", "disable"]
+
+
+def too_hot(device: LoopbackDevice) -> Steps:
+    raise DeviceFault("a drive is too hot")
+    yield
+
+
+def test_a_late_enable_leaves_later_disables_alone(
+    ral: crtk.ral, served: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The device comes back and cannot be enabled; somebody clears that: it is not for `enable` any more."""
+    arm: Any = Arm(ral, crtk14)
+    device = served.engine.device
+    assert isinstance(device, LoopbackDevice)
+    with enabling_late(arm, served) as (enabled, heard):
+        monkeypatch.setattr(LoopbackDevice, "_transition", too_hot)
+        device.reachable = True
+        eventually(lambda: "too hot" in served.engine.status.detail, "it is in FAULT")
+        monkeypatch.undo()
+        assert heard == ["enable"] * 2, "it is sent again, once"
+        arm.state_command("disable")
+        assert arm.wait_for_operating_state("DISABLED", LONG)
+        assert not enabled.result(LONG)
+        assert heard == ["enable", "enable", "disable"]
+        assert arm.is_disabled()
+
+
+def test_a_late_enable_that_fails_says_so(
+    ral: crtk.ral,
+    served: Session,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    arm: Any = Arm(ral, crtk14)
+    with enabling_late(arm, served) as (enabled, heard):
+        monkeypatch.setattr(LoopbackDevice, "_transition", too_hot)
+        served.engine.device.reachable = True  # type: ignore[attr-defined]
+        assert not enabled.result(LONG)
+        monkeypatch.undo()
+        assert arm.operating_state() == "FAULT"
+        assert heard == ["enable"] * 2
+    assert "enable: it is in FAULT" in caplog.text
 
 
 def refused(engine: Engine) -> int:
