@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.motion.context import MotionContext
-from crtk_drivers.motion.stopping import still_speeds
 from crtk_drivers.samples import Vector
 
-NEARER: Final = 0.99
-"""Of what joints were away from the end, all together, at which they have come nearer."""
+NEARER: Final = 0.01
+"""Share by which joints have come nearer: of what they all together were away from the end, or of the
+smallest `Following.arrival` if that is more."""
 
 RESTS: Final = 0.1
 """Seconds without coming nearer after which joints stand, be it that they tremble."""
@@ -32,8 +32,10 @@ class Arriving:
 
     def __init__(self, context: MotionContext, goal: Vector) -> None:
         self._measured = context.feedback.measured_state
-        self._is_watched = context.capabilities.following is not None
-        self._still = still_speeds(context.capabilities, context.device.velocity_steps)
+        self._stopping = context.stopping
+        following = context.capabilities.following
+        self._is_watched = following is not None
+        self._within = 0.0 if following is None else min(following.arrival, default=0.0)
         self._goal = goal
         self._nearest = math.inf
         self._nearer = 0.0
@@ -47,17 +49,14 @@ class Arriving:
         here = self._measured()[0].position
         if here.size and here.size == self._goal.size:
             off = float(np.abs(here - self._goal).sum())
-            if off < NEARER * self._nearest:
+            # Less is no way to go: a position that is computed settles for ever.
+            least = NEARER * max(off, self._within)
+            if off < self._nearest - least:
                 self._nearest, self._nearer = off, time
         return self._nearer
 
     def rests(self, time: float) -> bool:
         """Whether the joints stand; True where they are not watched. Asked after `came_nearer`."""
-        if not self._is_watched:
-            return True
-        velocity = self._measured()[0].velocity.tolist()
-        if len(velocity) == len(self._still) and all(
-            abs(speed) <= still for speed, still in zip(velocity, self._still, strict=True)
-        ):
+        if not self._is_watched or self._stopping.stands:
             return True
         return time - self._nearer >= RESTS

@@ -111,6 +111,11 @@ class Stopping:
         """Whether every stop that was asked for has been seen to be carried out."""
         return not self._watches
 
+    @property
+    def stands(self) -> bool:
+        """Whether the joints stood when they were measured last, by their velocities or else positions."""
+        return not self._moving
+
     def stop(self) -> None:
         """Stop the hardware, and watch from now on that it comes to stand, if it has anything that moves.
 

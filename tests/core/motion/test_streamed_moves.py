@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crtk_drivers.device import CartesianLimits, JointLimits, Mode
+from crtk_drivers.device import CartesianLimits, Following, JointLimits, Mode
 from crtk_drivers.errors import MotionAborted
+from crtk_drivers.motion.arriving import RESTS
 from crtk_drivers.motion.executions import ARRIVAL_TIMEOUT, PACE_TIME
 from crtk_drivers.motion.move import Move
-from crtk_drivers.samples import Value, vector
+from crtk_drivers.samples import JointState, Value, vector
 from crtk_drivers.trajectory.profiles import JointProfile
 from rigs.scripted_arm import ARM, BENT, LIMIT, PERIOD, TOOL, ArmRig
 from rigs.scripted_engine import jp
@@ -19,6 +20,7 @@ GENTLE = JointLimits(-6.0, 6.0, velocity=1.05, acceleration=1.4, jerk=14.0, effo
 GENTLE_LINE = CartesianLimits(0.25, 3.0, 1.2, 5.0)
 GOAL = BENT + 0.2
 LINE = ARM.forward(BENT + 0.05)
+STILL = vector(np.zeros(6))
 
 
 class Hardware(ArmRig):
@@ -147,6 +149,19 @@ def test_a_move_ends_when_the_hardware_has_arrived() -> None:
     assert rig.path[-50:].tolist() == [list(GOAL)] * 50, "the goal is sent meanwhile"
     rig.device.arrived = True
     rig.cycle()
+    assert move.wait(0.0)
+
+
+@pytest.mark.parametrize("velocity", [(), (1.0,) * 6], ids=["unmeasured", "noisy"])
+def test_a_move_does_not_wait_until_joints_settle_for_ever(velocity: tuple[float, ...]) -> None:
+    """Each cycle takes them nearer still, by parts of a billionth."""
+    rig = Hardware(following=Following((0.5,) * 6, (0.01,) * 6, lag=0.02)).enabled()
+    move, here = rig.moving(), np.array(BENT)
+    ended = JointProfile(vector(BENT), STILL, STILL, vector(GOAL), [LIMIT] * 6).duration
+    for _ in range(round((ended + RESTS + 0.1) / PERIOD)):
+        here += 0.25 * (rig.device.position - here)
+        rig.device.extra["measured_js"] = JointState(vector(here), vector(velocity))
+        rig.cycle()
     assert move.wait(0.0)
 
 
