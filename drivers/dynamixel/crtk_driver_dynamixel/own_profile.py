@@ -18,10 +18,13 @@ from crtk_driver_dynamixel.readings import Frame
 from crtk_driver_dynamixel.units import Counts
 from crtk_drivers.device import JointLimits
 
-STANDS: Final = 0.25
-"""Seconds without motion after which a servo stands. The slowest profile, 0.229 rpm, makes 4 counts in it."""
 NEAR: Final = 2
-"""Counts from its goal within which a servo is there, and by which one that moves has to move on."""
+"""Counts from its goal within which a servo is there."""
+STANDS: Final = np.array([(NEAR, 0.25), (7, 1.0)])
+"""Counts by which a servo that moves has to move on, in so many seconds; one that stands may tremble.
+
+The slowest profile, 0.229 rpm, makes 4 counts in 0.25 s. The slowest acceleration, 0.374 rad/s², makes 30
+counts in 0.5 s, so that one which turns round is not taken to stand."""
 
 
 def takes_its_time(config: ServoConfig) -> bool:
@@ -59,11 +62,12 @@ class Approach:
         slow = [at for at, config in enumerate(configs) if takes_its_time(config)]
         self._slow = np.array(slow, dtype=np.int64)
         self._places = np.array([places[at] for at in slow], dtype=np.int64)
-        self._here = np.zeros(len(slow), dtype=np.int64)
-        self._stood = np.zeros(len(slow))
-        self._since = np.full(len(slow), math.inf)
+        self._off = np.zeros(len(slow), dtype=np.int64)
+        # For each way to stand: from where, and since when.
+        self._from = np.zeros((len(STANDS), len(slow)), dtype=np.int64)
+        self._since = np.full(self._from.shape, math.inf)
+        self._stands = np.zeros(len(slow), dtype=np.bool_)
         self._goals: Counts | None = None
-        self._off = self._here
 
     def look(self, frame: Frame, goals: Counts | None) -> None:
         """Take what a cycle has read.
@@ -77,10 +81,11 @@ class Approach:
         here, seen = frame.position[self._places], frame.seen[self._places]
         wanted = None if goals is None else goals[self._slow]
         begins = wanted is None or self._goals is None or wanted != self._goals
-        moves = begins | (np.abs(here - self._here) >= NEAR)
-        self._here = np.where(moves, here, self._here)
+        counts, seconds = STANDS[:, :1], STANDS[:, 1:]
+        moves = begins | (np.abs(here - self._from) >= counts)
+        self._from = np.where(moves, here, self._from)
         self._since = np.where(moves, seen, self._since)
-        self._stood = seen - self._since
+        self._stands = (seen - self._since >= seconds).any(axis=0)
         self._goals = wanted
         self._off = here if wanted is None else np.abs(wanted - here)
 
@@ -94,4 +99,4 @@ class Approach:
             return True
         if self._goals is None or not np.array_equal(goals[self._slow], self._goals):
             return False  # nothing was read since
-        return bool(((self._off <= NEAR) | (self._stood >= STANDS)).all())
+        return bool(((self._off <= NEAR) | self._stands).all())
