@@ -53,6 +53,8 @@ class SentGoals:
         servos = [link.chain.servos[place] for place in places]
         self._commanded = np.array([servo.follow == "goals" for servo in servos])
         self._reach = np.array([_reach(servo) for servo in servos])
+        yields = np.array([servo.config.yields for servo in servos])
+        self._watched = np.where(yields, math.inf, self._reach)
         self._registers: dict[Kind, list[tuple[str, NDArray[np.int64]]]] = {}
         self._sent: list[_Sent] = []
         self._read = [0] * len(servos)
@@ -162,7 +164,7 @@ class SentGoals:
         """
         far: list[int] = []
         if self.positions is not None:
-            off = (np.abs(self.positions - here) > self._reach) & self._commanded
+            off = (np.abs(self.positions - here) > self._watched) & self._commanded
             far = [self._places[i] for i in np.flatnonzero(off).tolist()]
         far = [place for place in far if self._link.rests(place)]
         now = time.monotonic()
@@ -174,8 +176,6 @@ class SentGoals:
 
 
 def _reach(servo: ChainServo) -> float:
-    """Return how far a servo may be from its goal, in counts; inf if something may be in its way."""
+    """Return how far a servo may be from its goal, in counts; inf where that is its task: a gripper."""
     own, unit = servo.config, servo.units.model.family.position_unit
-    if not isinstance(own, JointConfig) or own.yields:
-        return math.inf
-    return own.following_error * own.gear / unit
+    return own.following_error * own.gear / unit if isinstance(own, JointConfig) else math.inf

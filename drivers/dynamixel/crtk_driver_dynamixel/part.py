@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from crtk_driver_dynamixel import registers
 from crtk_driver_dynamixel.chain_link import ChainLink
-from crtk_driver_dynamixel.config import DynamixelConfig
+from crtk_driver_dynamixel.config import DynamixelConfig, GripperConfig
 from crtk_driver_dynamixel.confirmed import make_sure
 from crtk_driver_dynamixel.goals import SentGoals
 from crtk_driver_dynamixel.joints import Chain
@@ -78,8 +78,11 @@ class Part:
         self._chain = link.chain.part(joints)
         self.places = link.chain.places_of(joints)
         self._index = np.array(self.places)
-        self._has_profile = any(
-            link.chain.servos[place].config.profile_velocity > 0.0 for place in self.places
+        configs = [link.chain.servos[place].config for place in self.places]
+        self._has_profile = any(each.profile_velocity > 0.0 for each in configs)
+        is_gripper = any(isinstance(each, GripperConfig) for each in configs)
+        self._stops_elsewhere = self._has_profile or (
+            not is_gripper and any(each.yields for each in configs)
         )
         self.kind: Kind | None = None
         self._modes = Modes(link, config)
@@ -94,17 +97,17 @@ class Part:
         self._is_free = False
         self._stop = threading.Event()
         self._sent = SentGoals(link, self._modes, self.places)
-        configs = [link.chain.servos[place].config for place in self.places]
         self._approach = Approach(configs, self.places)
 
     @property
     def goals(self) -> Counts | None:
-        """Where servos with a profile of their own are on the way to (servos of this part,), or stand.
+        """Where servos are on the way to (servos of this part,), or are held after a stop.
 
-        None without a profile, and as long as it is not known.
+        None where that is what was sent, and as long as it is not known. Servos with a profile, or that
+        yield, are held elsewhere after a stop.
         """
         holds = self.kind is Kind.POSITION and not self._is_free and self.takes_setpoints
-        return self._sent.positions if holds and self._has_profile else None
+        return self._sent.positions if holds and self._stops_elsewhere else None
 
     @property
     def chain(self) -> Chain:

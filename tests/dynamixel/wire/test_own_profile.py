@@ -121,7 +121,7 @@ def test_a_gripper_is_done_at_what_it_grips(servo: RunningSim) -> None:
             servo.control.clear()
 
 
-def test_a_joint_that_yields_is_not_done_where_it_is_held(
+def test_an_aborted_joint_that_yields_stays_where_it_is(
     servo: RunningSim, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(executions, "ARRIVAL_TIMEOUT", 0.5)
@@ -133,9 +133,14 @@ def test_a_joint_that_yields_is_not_done_where_it_is_held(
         try:
             with pytest.raises(MotionAborted, match="a is at"):
                 bench.arm.move_jp([0.8]).wait(LONG)
+            eventually(lambda: abs(bench.servos()[1]["torque_applied"]) < 0.1, "it does not push")
         finally:
             servo.control.clear()
-        bench.arm.hold()
+        # It is free, stays, and the next move begins where it is.
+        eventually(lambda: abs(bench.arm.setpoint_js().position[0]) < 0.02, "the setpoint is here")
+        assert off(bench, 0.0) < 0.02
+        assert bench.arm.move_jp([0.1]).wait(LONG)
+        assert off(bench, 0.1) <= 4 * COUNT
 
 
 def test_a_move_takes_as_long_as_its_servo_needs(
