@@ -53,9 +53,12 @@ class Link(StrEnum):
 
 
 VARIANTS: Final = TEMPLATES / "variants"
-"""Files that take the place of those of a template: folders for each kind, by line, and `STREAMS`."""
+"""Files in place of those of a template: folders for each kind, by line, `NETWORK` and `STREAMS`."""
 
 STREAMS: Final = "streams"
+
+NETWORK: Final = "network"
+"""Folder of what TCP and UDP have in common."""
 
 LINKS: Final = {Kind.SENSOR: tuple(Link), Kind.ARM: (Link.TCP,), Kind.GRIPPER: (Link.SERIAL,)}
 """What there is for each kind, that which is taken where nothing is said first."""
@@ -156,6 +159,8 @@ class Variant(NamedTuple):
         """Where its files are; those of a later folder take the place of others."""
         yield TEMPLATES / self.kind
         if self.link is not LINKS[self.kind][0]:
+            if self.link is not Link.SERIAL:
+                yield VARIANTS / self.kind / NETWORK
             yield VARIANTS / self.kind / self.link
         if self.streams is not STREAMING[self.kind][0]:
             yield VARIANTS / self.kind / STREAMS

@@ -324,7 +324,7 @@ class Engine(Intake):
             if not self.capabilities.paced_by_stream:
                 self._sleep(self._period)
             try:
-                sample = self.device.read(now + self._period)
+                sample = self.device.read(self._clock() + self._period)
                 usable = sample if sample is not None and not sample.not_finite else None
                 self._stopping.follow(usable, self._clock())
             except DeviceError as error:
