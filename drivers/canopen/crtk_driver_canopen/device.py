@@ -107,7 +107,13 @@ class CanopenDevice(Device):
         self._condition = Condition()
         self._motion.begin()
         self._checks = [
-            VelocityCheck(axis.config.velocity, step, self._config.period)
+            VelocityCheck(
+                axis.config.velocity,
+                step,
+                self._config.period,
+                abs(axis.facts.units.position),
+                self._config.feedback_every,
+            )
             for axis, step in zip(self.axes, self.link.units.velocity_steps, strict=True)
         ]
         if self.link.held:

@@ -14,6 +14,10 @@ TOLERANCE: Final = 0.2
 _ENOUGH: Final = 0.3
 """Seconds in motion, at least a tenth of the greatest velocity, after which it is judged."""
 _SAMPLES: Final = 20
+_PART: Final = 0.1
+"""Seconds of a part of the motion: one sample alone is a count or none, where positions are coarse."""
+_STALE: Final = 15.0
+"""How many times the age of a velocity all of it is at least, and a part a fifth of that."""
 _SLOW: Final = 0.1
 _COARSE: Final = 5.0
 """Units of velocity below which rounding is too much of it; half of the greatest velocity at most."""
@@ -28,25 +32,39 @@ class VelocityCheck:
         velocity: its limit, in rad/s (m/s).
         step: one unit of its measured velocity, in rad/s (m/s).
         period: of the cycle, in s.
+        count: one unit of its position, in rad (m).
+        every: cycles from one measured velocity to the next.
 
     Attributes:
         judged: whether it has moved enough.
         ratio: what the drive reports, for what its positions show; NaN until it is judged.
     """
 
-    def __init__(self, velocity: float, step: float, period: float) -> None:
+    def __init__(
+        self, velocity: float, step: float, period: float, count: float = 0.0, every: int = 1
+    ) -> None:
         self._least = max(_SLOW * velocity, min(_COARSE * step, 0.5 * velocity))
         self._longest = _GAP * period
+        self._step, self._count = step, count
+        self._enough = max(_ENOUGH, _STALE * every * period)
+        self._part = max(_PART, 0.2 * _STALE * every * period)
         self.judged = False
         self.ratio = math.nan
         self._last: tuple[float, float, float] | None = None
-        self._seconds = self._way = self._told = 0.0
+        self._seconds = self._way = self._told = self._rounded = 0.0
         self._samples = 0
+        self._begin(0.0)
+
+    def _begin(self, position: float) -> None:
+        """Begin a part of the motion."""
+        self._from, self._passed, self._integral, self._taken = position, 0.0, 0.0, 0
 
     @property
     def agrees(self) -> bool:
-        """Whether there is nothing to be said."""
-        return not self.judged or abs(self.ratio - 1.0) <= TOLERANCE
+        """Whether there is nothing to be said: they differ by no more than tolerance and rounding."""
+        return not self.judged or abs(self._told - self._way) <= (
+            TOLERANCE * self._way + self._rounded
+        )
 
     def forget(self) -> None:
         """What comes next does not follow from what was: a sample is missing, or positions are set."""
@@ -61,17 +79,26 @@ class VelocityCheck:
             time: of the sample, in s.
         """
         last, self._last = self._last, (position, velocity, time)
-        if self.judged or last is None:
+        if self.judged:
             return False
-        moved, passed = position - last[0], time - last[2]
-        if not 0.0 < passed <= self._longest or abs(moved) < self._least * passed:
+        if last is None or not 0.0 < time - last[2] <= self._longest:
+            self._begin(position)
             return False
-        told = 0.5 * (velocity + last[1]) * passed
-        self._seconds += passed
-        self._way += abs(moved)
-        self._told += math.copysign(told, told * moved)
-        self._samples += 1
-        if self._seconds >= _ENOUGH and self._samples >= _SAMPLES:
+        passed = time - last[2]
+        self._passed += passed
+        self._integral += 0.5 * (velocity + last[1]) * passed
+        self._taken += 1
+        if self._passed < self._part:
+            return False
+        moved, seconds, told = position - self._from, self._passed, self._integral
+        if abs(moved) >= self._least * seconds:
+            self._seconds += seconds
+            self._way += abs(moved)
+            self._told += math.copysign(told, told * moved)
+            self._rounded += self._step * seconds + self._count
+            self._samples += self._taken
+        self._begin(position)
+        if self._seconds >= self._enough and self._samples >= _SAMPLES:
             self.judged, self.ratio = True, self._told / self._way
         return self.judged
 
