@@ -277,11 +277,7 @@ def _axis(
     if joint.homing is not None:
         _homing(sdo, name, joint.homing, units, profile)
     if Way.EFFORTS in joint.ways and math.isnan(units.effort):
-        raise ConfigError(
-            "the drive does not tell the rated torque of its motor (6076h), of which efforts are thousandths",
-            where=f"joints.{name}",
-            remedy="Give `rated_torque`, or `effort: 0`.",
-        )
+        raise _effort_needed(name, joint, drive)
     position = sdo.read(OBJECTS["position_actual"])
     limits: PositionLimits | None = None
     write_speed_limits(sdo, joint, units, drive, notes)
@@ -299,6 +295,18 @@ def _axis(
         )
     stays = sdo.find(OBJECTS["quick_stop_option"]) in STAYS_IN_QUICK_STOP
     return Prepared(identity, drive, units, modes, position, limits, stays, tuple(notes))
+
+
+def _effort_needed(name: str, joint: JointConfig, drive: UnitObjects) -> ConfigError:
+    text = "the drive does not tell the rated torque of its motor (6076h), of which efforts are thousandths"
+    key = "rated_torque"
+    if joint.rated_torque or drive.rated_torque:
+        text, key = "nobody tells the way of a turn, from which forces follow", "feed"
+    return ConfigError(
+        text,
+        where=f"joints.{name}",
+        remedy=f"Give `{key}`, or `effort_scale`, or `effort: 0`.",
+    )
 
 
 _COARSE: Final = 0.02
@@ -417,7 +425,8 @@ def _homing(
         if not sdo.has(OBJECTS[entry]):
             continue
         is_ramp = entry == "homing_acceleration"
-        counts = _homing_ramp(name, homing, units) if is_ramp else round(rate / abs(units.velocity))
+        speed = max(1, round(rate / abs(units.velocity)))  # with 0 it would never be there
+        counts = _homing_ramp(name, homing, units) if is_ramp else speed
         sdo.ensure(OBJECTS[entry], counts)
     if homing.position is not None:
         home = profile.home_entry

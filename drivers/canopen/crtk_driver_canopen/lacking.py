@@ -89,6 +89,10 @@ def ensure_mode(sdo: Sdo, name: str, mode: OpMode, notes: list[str]) -> None:
     entry, display = OBJECTS["mode_of_operation"], OBJECTS["mode_of_operation_display"]
     if sdo.has(entry):
         if sdo.ensure(entry, mode, f"Check the modes of {name}."):
+            if not sdo.has(display):
+                notes.append(
+                    f"no {display.on_axis(sdo.axis)}: that it is in its mode is not read back"
+                )
             return
         if not sdo.has(display):
             notes.append(f"{entry} can only be written, and there is no {display}: not read back")

@@ -1,8 +1,10 @@
 """Whether what a drive holds and reports can be true of its joint: units that are wrong show here.
 
 Before a drive is given anything, what it holds is compared with the limits that are configured. A factor of
-hundreds between them is a unit that somebody got wrong, not a choice. Rates of moves are judged from above
-only: a slow share of a move, that this driver wrote, is no sign of anything. No I/O but what the drive holds.
+hundreds between them is a unit that somebody got wrong, not a choice. A drive that can do much more than its
+joint may is an ordinary one whose limit is low, as when it is tried first: up to hundreds that is noted only.
+Slow rates of moves are no sign of anything where something else shows the unit: this driver wrote them as a
+share of a move. No I/O but what the drive holds.
 """
 
 from __future__ import annotations
@@ -11,10 +13,10 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from crtk_driver_canopen.modes import OpMode
+from crtk_driver_canopen.modes import OpMode, Way
 from crtk_driver_canopen.objects import OBJECTS
-from crtk_driver_canopen.sdo import Sdo
-from crtk_driver_canopen.unit_codes import TURN
+from crtk_driver_canopen.rate_units import motor_turns
+from crtk_driver_canopen.sdo import WRITE_ONLY, Sdo, SdoAborted
 from crtk_driver_canopen.unit_table import Quantity, keys_text
 from crtk_driver_canopen.units import JointUnits, UnitObjects
 from crtk_drivers.errors import ConfigError
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
 
 FACTOR: Final = 20.0
 """How many times a value may be off the limit of its joint."""
+
+FAR: Final = 500.0
+"""From how many times the limit on a value is refused: below, somebody may well want to go so slowly."""
 
 _UNLIMITED: Final = 0x7FFFFFFF
 """From here on a value of 32 bits stands for none."""
@@ -49,16 +54,24 @@ def check_plausible(
         ConfigError: it is off by more than `FACTOR`, with both numbers, and what to do.
         SdoAborted, SdoSilent, ProtocolError: an object could not be read.
     """
-    for quantity, text in _doubts(sdo, joint, units, drive, moves=moves):
-        if joint.plausibility == "refuse":
+    for doubt in _doubts(sdo, joint, units, drive, moves=moves):
+        if doubt.is_grave and joint.plausibility == "refuse":
             raise ConfigError(
-                text,
+                doubt.text,
                 where=f"joints.{name}",
-                remedy=f"Compare with the drive's manual, and give the unit: {keys_text(quantity)}; or "
+                remedy=f"Compare with the drive's manual, and give the unit: {keys_text(doubt.quantity)}; or "
                 "correct the gear, or the limit. What an earlier configuration wrote, a drive holds until "
                 "it is switched off. If all of this is right: `plausibility: note`.",
             )
-        yield text
+        yield f"{doubt.text}; if that is not so: {keys_text(doubt.quantity)}"
+
+
+class _Doubt(NamedTuple):
+    """What is not plausible, and whether nobody can have meant it."""
+
+    quantity: Quantity
+    is_grave: bool
+    text: str
 
 
 class _Held(NamedTuple):
@@ -75,6 +88,9 @@ class _Held(NamedTuple):
 
 _LEAST: Final = 1.0 / FACTOR
 _ANY: Final = math.inf
+_RAMPS: Final = ("profile_acceleration", "profile_deceleration")
+_SHARPEST: Final = ("quick_stop_deceleration", "max_acceleration", "max_deceleration")
+"""What no driver writes: a share of a move is none of these."""
 
 
 def _held(
@@ -84,8 +100,8 @@ def _held(
     speed, sharpness = joint.velocity, joint.acceleration
     velocity, acceleration = abs(units.velocity), units.acceleration_step
     yield _Held(Quantity.VELOCITY, "max_profile_velocity", velocity, speed, "s", _LEAST, _ANY)
-    if joint.scale is None:
-        turns = (joint.gear or drive.gear or 1.0) / (joint.feed or TURN)
+    turns = motor_turns(joint, drive.gear)
+    if turns is not None:
         one = 1.0 / (60.0 * turns)
         yield _Held(Quantity.POSITION, "max_motor_speed", one, speed, "s", _LEAST, _ANY)
     if moves:
@@ -94,46 +110,59 @@ def _held(
         return
     if moves or OpMode.PV in joint.op_modes:
         least = 0.0 if moves else _LEAST
-        for entry in ("profile_acceleration", "profile_deceleration"):
+        for entry in _RAMPS:
             yield _Held(Quantity.ACCELERATION, entry, acceleration, sharpness, "s²", least, FACTOR)
-        for entry in ("quick_stop_deceleration", "max_acceleration", "max_deceleration"):
+        for entry in _SHARPEST:
             yield _Held(Quantity.ACCELERATION, entry, acceleration, sharpness, "s²", _LEAST, _ANY)
     if joint.homing is not None and joint.homing.acceleration is not None:
         wanted, entry = joint.homing.acceleration, "homing_acceleration"
         yield _Held(Quantity.ACCELERATION, entry, acceleration, wanted, "s²", _LEAST, FACTOR)
 
 
+def _read(sdo: Sdo, entry: str) -> int | None:
+    """Return what a drive holds; None: nothing that can be judged, or it can only be written."""
+    try:
+        held = sdo.find(OBJECTS[entry])
+    except SdoAborted as error:
+        if error.code not in WRITE_ONLY:
+            raise
+        return None
+    return held if held and held < _UNLIMITED else None
+
+
 def _doubts(
     sdo: Sdo, joint: JointConfig, units: JointUnits, drive: UnitObjects, *, moves: bool
-) -> Iterator[tuple[Quantity, str]]:
+) -> Iterator[_Doubt]:
     unit = "rad" if joint.kind == "revolute" else "m"
-    for each in _held(joint, units, drive, moves=moves):
-        entry = OBJECTS[each.entry]
-        held = sdo.find(entry)
-        if not held or held >= _UNLIMITED:
+    rows = [
+        (each, held, held * each.one / each.limit)
+        for each in _held(joint, units, drive, moves=moves)
+        if (held := _read(sdo, each.entry)) is not None
+    ]
+    is_shown = any(each.entry in _SHARPEST and _LEAST <= factor <= FAR for each, _, factor in rows)
+    for each, held, factor in rows:
+        if each.least <= factor <= each.most or (
+            is_shown and each.entry in _RAMPS and factor < each.least
+        ):
             continue
-        value = held * each.one
-        if not each.least * each.limit <= value <= each.most * each.limit:
-            of = f"{unit}/{each.per}"
-            yield (
-                each.quantity,
-                f"{entry.on_axis(sdo.axis)} is {held}, which is {value:.4g} {of} in the unit that is used; "
-                f"the joint's limit is {each.limit:.4g} {of}: {_times(value, each.limit)}",
-            )
-    rated = _TORQUE * abs(units.effort)
-    if joint.effort and not math.isnan(rated) and not _alike(rated, joint.effort):
-        of = "N·m" if joint.kind == "revolute" else "N"
-        yield (
-            Quantity.EFFORT,
-            f"the rated torque of the motor (6076h) is {rated:.4g} {of} at the joint, which is limited to "
-            f"{joint.effort:.4g} {of}: {_times(rated, joint.effort)}",
+        of = f"{unit}/{each.per}"
+        yield _Doubt(
+            each.quantity,
+            factor < 1.0 or factor > FAR,
+            f"{OBJECTS[each.entry].on_axis(sdo.axis)} is {held}, which is {held * each.one:.4g} {of} in the "
+            f"unit that is used; the joint's limit is {each.limit:.4g} {of}: {_times(factor)}",
         )
+    rated = _TORQUE * abs(units.effort)
+    if joint.effort and not math.isnan(rated):
+        factor, of = rated / joint.effort, "N·m" if joint.kind == "revolute" else "N"
+        if not _LEAST <= factor <= FACTOR:
+            yield _Doubt(
+                Quantity.EFFORT,
+                Way.EFFORTS in joint.ways and (factor < 1.0 or factor > FAR),
+                f"the rated torque of the motor (6076h) is {rated:.4g} {of} at the joint, which is limited "
+                f"to {joint.effort:.4g} {of}: {_times(factor)}",
+            )
 
 
-def _alike(one: float, other: float) -> bool:
-    return other / FACTOR <= one <= FACTOR * other
-
-
-def _times(value: float, limit: float) -> str:
-    factor = value / limit
+def _times(factor: float) -> str:
     return f"{factor:.3g} times it" if factor >= 1.0 else f"a {1.0 / factor:.3g}th of it"

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, NamedTuple, Protocol
 
+from crtk_driver_canopen.scale_keys import JointScale
 from crtk_driver_canopen.unit_codes import ANGLES, COUNTS, LENGTHS, TURN, Rate
 
 RATES: Final[Mapping[str, tuple[bool, float]]] = MappingProxyType(
@@ -19,6 +20,18 @@ RATES: Final[Mapping[str, tuple[bool, float]]] = MappingProxyType(
     }
 )
 """Units of profiles: whether they are turns of the motor (else counts of 6064h), and how many a second."""
+
+
+def motor_turns(joint: JointScale, gear: float | None) -> float | None:
+    """Return turns of the motor for one rad (m) of the joint; None where nobody tells.
+
+    Args:
+        joint: its configuration.
+        gear: that the drive reports.
+    """
+    if joint.scale is not None or (joint.kind == "prismatic" and joint.feed is None):
+        return None
+    return (joint.gear or gear or 1.0) / (joint.feed or TURN)
 
 
 class MakeRate(Protocol):

@@ -12,9 +12,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from crtk_driver_canopen.objects import OBJECTS, parse_object
-from crtk_driver_canopen.sdo import ObjectIgnored, Sdo, SdoAborted
+from crtk_driver_canopen.rate_units import motor_turns
+from crtk_driver_canopen.sdo import WRITE_ONLY, ObjectIgnored, Sdo, SdoAborted
 from crtk_driver_canopen.statemachine import option_text
-from crtk_driver_canopen.unit_codes import TURN
 from crtk_driver_canopen.units import JointUnits, UnitObjects
 from crtk_drivers.errors import DeviceError
 
@@ -152,8 +152,8 @@ def write_position_limits(
     least, greatest = OBJECTS["min_position_limit"], OBJECTS["max_position_limit"]
     if _is_left(joint, "min_position_limit") or _is_left(joint, "max_position_limit"):
         return False
-    now = sdo.find(greatest)
-    if now is None or sdo.find(least) is None:
+    now = _limit(sdo, "max_position_limit", notes)
+    if now is None or _limit(sdo, "min_position_limit", notes) is None:
         return False
     if sdo.find(OBJECTS["home_offset"]):
         notes.append(
@@ -181,12 +181,12 @@ def write_speed_limits(
         SdoSilent, ProtocolError, BusLost: it does not answer as it should.
     """
     speeds = {"max_profile_velocity": joint.velocity / abs(units.velocity)}
-    if joint.scale is None:
-        turns = (joint.gear or drive.gear or 1.0) / (joint.feed or TURN)
+    turns = motor_turns(joint, drive.gear)
+    if turns is not None:
         speeds["max_motor_speed"] = 60.0 * turns * joint.velocity
     for name, needed in speeds.items():
         entry = OBJECTS[name]
-        found = None if _is_left(joint, name) else sdo.find(entry)
+        found = None if _is_left(joint, name) else _limit(sdo, name, notes)
         if found is None:
             continue
         wanted = min(max(1, math.ceil(HEADROOM * needed)), _U32)
@@ -195,6 +195,17 @@ def write_speed_limits(
         elif found < needed:
             own = f"{entry.on_axis(sdo.axis)} is {found}"
             notes.append(f"{own}: less than the joint's velocity needs ({needed:.0f})")
+
+
+def _limit(sdo: Sdo, name: str, notes: list[str]) -> int | None:
+    """Return a limit of the second line; None: the drive has none, or it cannot be read, which is noted."""
+    try:
+        return sdo.find(OBJECTS[name])
+    except SdoAborted as error:
+        if error.code not in WRITE_ONLY:
+            raise
+        notes.append(f"{OBJECTS[name].on_axis(sdo.axis)} can only be written, and is left as it is")
+        return None
 
 
 def _noted(notes: list[str], write: Callable[[], object]) -> bool:

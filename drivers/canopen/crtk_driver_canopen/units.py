@@ -291,8 +291,8 @@ def _effort(joint: JointScale, drive: UnitObjects, gear: float) -> float:
         return joint.effort_scale
     rated = drive.rated_torque if joint.rated_torque is None else joint.rated_torque
     effort = math.nan if rated is None else rated / 1000.0 * gear
-    if joint.kind == "prismatic" and joint.feed:
-        effort *= TURN / joint.feed
+    if joint.kind == "prismatic":
+        effort *= TURN / (joint.feed or math.nan)
     return effort
 
 

@@ -248,6 +248,22 @@ def test_what_can_only_be_written_is_written_as_a_parameter(tmp_path: Path) -> N
         assert "not read back" in notes(arm)
 
 
+@pytest.mark.parametrize("index", ["6081", "6083", "6085", "607F", "6080", "60C5", "607Dsub1"])
+def test_rates_and_limits_may_be_write_only(tmp_path: Path, index: str) -> None:
+    with (
+        legal(tmp_path, changes={index: {"AccessType": "wo"}}) as sim,
+        arm_of(config(sim, "pp")) as arm,
+    ):
+        moves(sim, arm, "pp")
+
+
+def test_a_mode_that_is_not_shown_is_noted(tmp_path: Path) -> None:
+    changes = {"6502": {"DefaultValue": "128"}}
+    with legal(tmp_path, ("6061",), changes) as sim, arm_of(config(sim, "csp")) as arm:
+        assert notes(arm).count("no 6061h") == 1
+        moves(sim, arm, "csp")
+
+
 def test_homing_needs_no_acceleration_of_its_own(tmp_path: Path) -> None:
     homing = {"method": 37, "acceleration": 1.0, "required": True}
     joint = {"homing": homing}

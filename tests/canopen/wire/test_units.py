@@ -205,6 +205,28 @@ def test_what_is_not_plausible_can_be_allowed(sim: RunningSim) -> None:
         assert "607Fh" in " ".join(note.text for note in arm.health().notes)
 
 
+@pytest.mark.parametrize("make", MAKES)
+def test_a_limit_far_below_the_motor_is_noted(sim: RunningSim, make: str) -> None:
+    """Whoever tries a joint first gives it a small part of what its motor can."""
+    slow = {"velocity": 1 / 30, "acceleration": 1 / 30, "modes": ("pp",)}
+    joint = {**_limits(), **joint_of(make, **slow)}
+    with arm_of(patient_arm_on(sim, 0, joints={"a": joint}, moves="drives")) as arm:
+        arm.enable(LONG)
+        first, began = _turned(sim, joint["node"]), time.monotonic()
+        arm.move_jr([0.02]).wait(LONG)
+        assert _turned(sim, joint["node"]) - first == pytest.approx(0.02, abs=2e-3)
+        assert time.monotonic() - began > 1.0
+
+
+def test_slow_ramps_are_no_doubt_where_others_show_the_unit(sim: RunningSim) -> None:
+    """As an earlier program left them, which moved two joints at once."""
+    for index in (0x6083, 0x6084):
+        sim.control.call("object", node=1, index=index, value=1000)
+    joint = {**_limits(), **joint_of("technosoft", modes=("pv",))}
+    with arm_of(patient_arm_on(sim, 0, joints={"a": joint})):
+        assert held(sim, 1, 0x6083) > 60_000
+
+
 def test_a_move_in_small_part_does_not_make_the_next_start_implausible(sim: RunningSim) -> None:
     """Its rates are shares of the limits, and stay in the drive."""
     joints = {
@@ -334,6 +356,32 @@ def test_an_acceleration_that_is_not_needed_needs_no_unit(plain: RunningSim) -> 
     joint = {**_limits(), "node": 1, "velocity": 1.0, "gear": GEAR}
     with arm_of(patient_arm_on(plain, 0, joints={"a": joint})) as arm:
         arm.enable(LONG)
+
+
+def test_a_rail_without_a_feed_keeps_its_motor_speed(plain: RunningSim) -> None:
+    """60A8h in µm says how far it goes, and nothing of how far for one turn: 6080h is no limit then."""
+    start_anew(plain)
+    plain.control.call("object", node=1, index=0x60A8, value=0xFA010000)
+    before = held(plain, 1, 0x6080)
+    joint = {"node": 1, "kind": "prismatic", "lower": -1.0, "upper": 1.0, "velocity": 0.1}
+    with arm_of(patient_arm_on(plain, 0, joints={"a": {**joint, "modes": ("csp",)}})) as arm:
+        assert held(plain, 1, 0x6080) == before
+        assert not arm.measured_js().effort.size, "N are not known"
+
+
+def test_forces_need_the_way_of_a_turn(plain: RunningSim) -> None:
+    start_anew(plain)
+    joint = {"node": 1, "kind": "prismatic", "velocity": 0.1, "scale": 1e-6, "modes": ("cst",)}
+    with not_connected(plain, "Give `feed`", **{**joint, "effort": 20.0}):
+        pass
+
+
+@pytest.mark.parametrize("modes", [("csp",), ("cst",)])
+def test_a_small_effort_limit_is_noted(plain: RunningSim, modes: tuple[str, ...]) -> None:
+    start_anew(plain)
+    joint = {**_limits(), "node": 1, "velocity": 1.0, "gear": GEAR, "effort": 1.0, "modes": modes}
+    with arm_of(patient_arm_on(plain, 0, joints={"a": joint})) as arm:
+        assert "6076h" in " ".join(note.text for note in arm.health().notes)
 
 
 def test_one_count_a_turn_is_a_default_and_refused(plain: RunningSim) -> None:
