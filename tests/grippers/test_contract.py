@@ -308,6 +308,11 @@ def test_another_program_is_seen_before_our_first_command(case: Case, sim: Runni
 # ----------------------------------------------------------------------- what would let go of it
 
 
+def _stops_itself(case: Case) -> bool:
+    """Whether what is between writes a stop (rGTO) when a connection ends: then gOBJ says nothing more."""
+    return case.link == "controller"
+
+
 @every_way
 def test_connecting_writes_nothing_and_finds_what_is_held(
     case: Case, enabled: GripperBench
@@ -316,12 +321,14 @@ def test_connecting_writes_nothing_and_finds_what_is_held(
     enabled.front.close()
     before = enabled.simulated(case.writes)
     with case.bench(enabled.sim, link=case.link) as again:
-        assert "holds an object" in again.state(DISABLED)
-        assert again.front.state.holds()
+        told = again.state(DISABLED)
+        if not _stops_itself(case):
+            assert "holds an object" in told
+            assert again.front.state.holds()
         again.front.enable()
         again.samples(5)
-        assert again.simulated(case.writes) == before
-        assert case.keeps(again.sim)
+        assert again.simulated(case.writes) - before <= _stops_itself(case)
+        assert _stops_itself(case) or case.keeps(again.sim)
 
 
 @every_way
@@ -335,8 +342,8 @@ def test_a_lost_link_lets_nothing_go_and_replays_nothing(case: Case, enabled: Gr
     enabled.state(DISABLED)
     enabled.front.enable()
     enabled.samples(5)
-    assert enabled.simulated(case.writes) == before
-    assert case.keeps(enabled.sim)
+    assert enabled.simulated(case.writes) - before == _stops_itself(case)
+    assert _stops_itself(case) or case.keeps(enabled.sim)
 
 
 @each
