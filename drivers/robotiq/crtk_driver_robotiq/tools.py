@@ -120,6 +120,9 @@ def _calibrate(config: RobotiqConfig, options: CalibrateOptions) -> int:
 
 def _scan(config: RobotiqConfig, options: Any) -> int:
     console = Console(highlight=False)
+    if config.link in ("controller", "urcap"):
+        console.print(f"What is at link {config.link} is not looked for: ask it by `info`.")
+        return 1
     places = _places(config)
     if not places:
         console.print("There is no serial adapter; give a --port, or a --host with its --link.")

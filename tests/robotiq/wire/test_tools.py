@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+
 import pytest
 
 from crtk_driver_robotiq import tools
@@ -10,7 +12,7 @@ from crtk_drivers.cli import main
 
 SIM = [
     "--sim",
-    *(f"--sim-set={name}_port=0" for name in ("tool", "modbus", "urcap")),
+    *(f"--sim-set={name}_port=0" for name in ("tool", "modbus", "controller", "urcap")),
 ]
 
 
@@ -52,3 +54,15 @@ def test_calibrate_tells_what_is_in_the_way(capsys: pytest.CaptureFixture[str]) 
 def test_calibrate_does_not_activate(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["robotiq", "calibrate", "--move", *SIM, "--sim-set=activated=false"]) == 1
     assert "not activated" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("link", ["controller", "urcap"])
+def test_scan_sends_no_serial_frames_there(link: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.0)
+        port = server.getsockname()[1]
+        words = [f"--link={link}", "--host=127.0.0.1", f"--tcp-port={port}"]
+        assert main(["robotiq", "scan", *words]) == 1
+        assert "by `info`" in capsys.readouterr().out
+        with pytest.raises(BlockingIOError):
+            server.accept()
