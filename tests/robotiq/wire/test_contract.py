@@ -34,9 +34,15 @@ class TestRobotiq(DeviceContract):
     @pytest.fixture
     def session(self, simulated: tuple[str, RunningSim]) -> Iterator[Session]:
         """Its driver."""
-        link, self.sim = simulated
-        yield Session(PLUGIN, configuration(self.sim, link=link))
+        self.link, self.sim = simulated
+        yield Session(PLUGIN, configuration(self.sim, link=self.link))
         self.sim.control.clear()
+
+    def damage(self, session: Session) -> None:
+        """The URCap's text has no check of its own, and TCP delivers nothing that is damaged."""
+        if self.link == "urcap":
+            pytest.skip("what is no answer of the URCap ends its connection")
+        super().damage(session)
 
     def break_link(self, session: Session) -> None:
         """The cable is pulled out."""
