@@ -91,7 +91,7 @@ class JointScales(Settings):
     plausibility: Literal["refuse", "note"] = Field(
         default="refuse",
         description="What is done with a drive whose rated torque, speeds or accelerations are more than 20 "
-        "times below the limits of the joint, or 500 times above: it is refused, or noted in diagnostics.",
+        "times off the limits of the joint: it is refused, or that is noted in diagnostics.",
     )
 
     @model_validator(mode="after")

@@ -1,10 +1,9 @@
 """Whether what a drive holds and reports can be true of its joint: units that are wrong show here.
 
-Before a drive is given anything, what it holds is compared with the limits that are configured. A factor of
-hundreds between them is a unit that somebody got wrong, not a choice. A drive that can do much more than its
-joint may is an ordinary one whose limit is low, as when it is tried first: up to hundreds that is noted only.
-Slow rates of moves are no sign of anything where something else shows the unit: this driver wrote them as a
-share of a move. No I/O but what the drive holds.
+Before a drive is given anything, what it holds is compared with the limits that are configured. A large
+factor between them is a unit that somebody got wrong; whoever wants so low a limit says so. Slow rates of
+moves are no sign of anything where something else shows the unit: this driver wrote them as a share of a
+move. No I/O but what the drive holds.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ if TYPE_CHECKING:
 FACTOR: Final = 20.0
 """How many times a value may be off the limit of its joint."""
 
-FAR: Final = 500.0
-"""From how many times the limit on a value is refused: below, somebody may well want to go so slowly."""
+_SHOWN: Final = 500.0
+"""Up to how many times the limit the sharpest ramp of a drive shows that the unit is right."""
 
 _UNLIMITED: Final = 0x7FFFFFFF
 """From here on a value of 32 bits stands for none."""
@@ -55,22 +54,23 @@ def check_plausible(
         SdoAborted, SdoSilent, ProtocolError: an object could not be read.
     """
     for doubt in _doubts(sdo, joint, units, drive, moves=moves):
-        if doubt.is_grave and joint.plausibility == "refuse":
+        if doubt.is_used and joint.plausibility == "refuse":
             raise ConfigError(
                 doubt.text,
                 where=f"joints.{name}",
                 remedy=f"Compare with the drive's manual, and give the unit: {keys_text(doubt.quantity)}; or "
                 "correct the gear, or the limit. What an earlier configuration wrote, a drive holds until "
-                "it is switched off. If all of this is right: `plausibility: note`.",
+                "it is switched off. If all of this is right, as with a limit that is meant to be so low: "
+                "`plausibility: note`.",
             )
         yield f"{doubt.text}; if that is not so: {keys_text(doubt.quantity)}"
 
 
 class _Doubt(NamedTuple):
-    """What is not plausible, and whether nobody can have meant it."""
+    """What is not plausible, and whether the joint is commanded by it."""
 
     quantity: Quantity
-    is_grave: bool
+    is_used: bool
     text: str
 
 
@@ -139,7 +139,9 @@ def _doubts(
         for each in _held(joint, units, drive, moves=moves)
         if (held := _read(sdo, each.entry)) is not None
     ]
-    is_shown = any(each.entry in _SHARPEST and _LEAST <= factor <= FAR for each, _, factor in rows)
+    is_shown = any(
+        each.entry in _SHARPEST and _LEAST <= factor <= _SHOWN for each, _, factor in rows
+    )
     for each, held, factor in rows:
         if each.least <= factor <= each.most or (
             is_shown and each.entry in _RAMPS and factor < each.least
@@ -148,7 +150,7 @@ def _doubts(
         of = f"{unit}/{each.per}"
         yield _Doubt(
             each.quantity,
-            factor < 1.0 or factor > FAR,
+            True,
             f"{OBJECTS[each.entry].on_axis(sdo.axis)} is {held}, which is {held * each.one:.4g} {of} in the "
             f"unit that is used; the joint's limit is {each.limit:.4g} {of}: {_times(factor)}",
         )
@@ -158,7 +160,7 @@ def _doubts(
         if not _LEAST <= factor <= FACTOR:
             yield _Doubt(
                 Quantity.EFFORT,
-                Way.EFFORTS in joint.ways and (factor < 1.0 or factor > FAR),
+                Way.EFFORTS in joint.ways,
                 f"the rated torque of the motor (6076h) is {rated:.4g} {of} at the joint, which is limited "
                 f"to {joint.effort:.4g} {of}: {_times(factor)}",
             )

@@ -66,12 +66,12 @@ Event = Press | Axis | Dropped | None
 
 def event_decoder() -> FrameDecoder[Event]:
     """Return what turns the bytes of an event device into events; None is one that does not matter."""
-    return FrameDecoder(lambda data: EVENT.size, _event)
+    return FrameDecoder(lambda data: EVENT.size, _event, strict=True)
 
 
 def js_decoder() -> FrameDecoder[Event]:
     """Return the same for a joystick device. At the start it tells what is pressed already."""
-    return FrameDecoder(lambda data: JS_EVENT.size, _js_event)
+    return FrameDecoder(lambda data: JS_EVENT.size, _js_event, strict=True)
 
 
 def _event(frame: bytes) -> Event:

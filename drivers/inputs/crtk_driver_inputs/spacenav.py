@@ -71,7 +71,7 @@ def agreed(told: bytes) -> tuple[int, bytes] | None:
 
 def decoder() -> FrameDecoder[Event]:
     """Return what turns bytes into events; None is one that does not matter."""
-    return FrameDecoder(lambda data: FRAME.size, _parsed)
+    return FrameDecoder(lambda data: FRAME.size, _parsed, strict=True)
 
 
 def _parsed(frame: bytes) -> Event:

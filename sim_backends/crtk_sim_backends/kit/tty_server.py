@@ -35,6 +35,7 @@ class TtyServer:
         self._make_session = session
         self._line = FaultyLine(loop, self._take, self._tty.write)
         self._is_mute = False
+        self._answers = True
         self._session = self._new_session()
         self._plug()
 
@@ -55,7 +56,7 @@ class TtyServer:
 
     def send(self, data: bytes, to: Session | None = None) -> None:
         """Send to whoever has it open; what its buffer does not take is lost. It has one session."""
-        if self._tty.plugged and self._tty.clients and not isinstance(self._session, Mute):
+        if self._tty.plugged and self._tty.clients and self._answers:
             self._line.carry(Direction.OUT, data)
 
     def begin(self, fault: Fault) -> None:
@@ -92,6 +93,7 @@ class TtyServer:
     def _begin_anew(self) -> None:
         self._session.close()
         self._session = self._new_session()
+        self._answers = not self._is_mute
         self._line.clear()
 
     def _new_session(self) -> Session:

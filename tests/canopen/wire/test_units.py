@@ -206,9 +206,9 @@ def test_what_is_not_plausible_can_be_allowed(sim: RunningSim) -> None:
 
 
 @pytest.mark.parametrize("make", MAKES)
-def test_a_limit_far_below_the_motor_is_noted(sim: RunningSim, make: str) -> None:
+def test_a_limit_far_below_the_motor_can_be_allowed(sim: RunningSim, make: str) -> None:
     """Whoever tries a joint first gives it a small part of what its motor can."""
-    slow = {"velocity": 1 / 30, "acceleration": 1 / 30, "modes": ("pp",)}
+    slow = {"velocity": 1 / 30, "acceleration": 1 / 30, "modes": ("pp",), "plausibility": "note"}
     joint = {**_limits(), **joint_of(make, **slow)}
     with arm_of(patient_arm_on(sim, 0, joints={"a": joint}, moves="drives")) as arm:
         arm.enable(LONG)
@@ -376,10 +376,18 @@ def test_forces_need_the_way_of_a_turn(plain: RunningSim) -> None:
         pass
 
 
-@pytest.mark.parametrize("modes", [("csp",), ("cst",)])
-def test_a_small_effort_limit_is_noted(plain: RunningSim, modes: tuple[str, ...]) -> None:
+def test_a_small_effort_limit_is_refused_where_efforts_are_sent(plain: RunningSim) -> None:
     start_anew(plain)
-    joint = {**_limits(), "node": 1, "velocity": 1.0, "gear": GEAR, "effort": 1.0, "modes": modes}
+    joint = {**_limits(), "node": 1, "velocity": 1.0, "gear": GEAR, "effort": 1.0}
+    with not_connected(plain, "6076h", **joint, modes=("cst",)):
+        pass
+
+
+@pytest.mark.parametrize(("mode", "plausibility"), [("csp", "refuse"), ("cst", "note")])
+def test_a_small_effort_limit_is_noted(plain: RunningSim, mode: str, plausibility: str) -> None:
+    start_anew(plain)
+    joint = {**_limits(), "node": 1, "velocity": 1.0, "gear": GEAR, "effort": 1.0}
+    joint |= {"modes": (mode,), "plausibility": plausibility}
     with arm_of(patient_arm_on(plain, 0, joints={"a": joint})) as arm:
         assert "6076h" in " ".join(note.text for note in arm.health().notes)
 

@@ -24,7 +24,7 @@ REPLIES = [
 
 
 def decoder() -> LineDecoder[Reply]:
-    return LineDecoder(parse, end=END, longest=LONGEST, errors="replace")
+    return LineDecoder(parse, end=END, longest=LONGEST, errors="replace", strict=True)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The state stream against the simulated controller, and against peers that misbehave."""
 
+import contextlib
 import math
 import socket
 import struct
@@ -301,7 +302,8 @@ def peer(answers: dict[int, bytes]) -> Iterator[tuple[int, Callable[[bytes], Non
     def serve() -> None:
         connection, _ = listener.accept()
         connections.append(connection)
-        with connection:
+        # A client that closes with unread data resets the connection.
+        with connection, contextlib.suppress(ConnectionResetError):
             data = b""
             while chunk := connection.recv(4096):
                 data += chunk
