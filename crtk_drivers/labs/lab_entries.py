@@ -19,6 +19,12 @@ NAMESPACE: Final = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
 
 ENCLAVE: Final = rf"/|{NAMESPACE}"
 
+HOST_NAME: Final = r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?"
+"""Source: RFC 1123, section 2.1."""
+
+ALL_MACHINES: Final = "all"
+"""In place of the name of a machine: the whole lab, on whatever machine this is."""
+
 DRIVER_ENCLAVE: Final = "crtk_driver"
 """Last part of the enclave of a driver, as `crtk-driver policy` names it."""
 
@@ -35,6 +41,16 @@ def _is_command(command: tuple[str, ...]) -> tuple[str, ...]:
             raise ValueError(f"has a NUL character in {word!r}, which no program can be given")
     return command
 
+
+def _is_machine(machine: str) -> str:
+    if machine and not re.fullmatch(HOST_NAME, machine):
+        raise ValueError(f"{machine!r} is no host name: letters, digits, - and . between them")
+    if machine == ALL_MACHINES:
+        raise ValueError(f"{machine!r} is no machine: --machine {machine} is the whole lab")
+    return machine
+
+
+Machine = Annotated[str, AfterValidator(_is_machine)]
 
 Command = Annotated[tuple[str, ...], AfterValidator(_is_command)]
 """Program and arguments; whether the program is there, `require_commands` looks."""
@@ -138,6 +154,10 @@ class DeviceEntry(CarriedEntry):
     after: tuple[str, ...] = Field(
         default=(), description="Devices that must measure before it is started, beside `on`."
     )
+    machine: Machine = Field(
+        default="",
+        description="Host name of the machine that starts it; empty: the lab's `machine`.",
+    )
     enclave: str = Field(
         default="",
         description="Its enclave of SROS2; where `environment` or the shell switches security on, "
@@ -181,6 +201,10 @@ class ProgramEntry(Settings):
     after: tuple[str, ...] | None = Field(
         default=None, description="Devices that must measure before it is started; all if null."
     )
+    machine: Machine = Field(
+        default="",
+        description="Host name of the machine that starts it; empty: the lab's `machine`.",
+    )
 
 
 class BoundEntry(Settings):
@@ -201,6 +225,10 @@ class LabSettings(Settings):
     """A lab."""
 
     name: str = Field(default="lab", pattern=NAME, description="Of the lab.")
+    machine: Machine = Field(
+        default="",
+        description="Of a lab on several machines: the one that starts what names none.",
+    )
     devices: dict[str, DeviceEntry] = Field(min_length=1, description="By name.")
     programs: dict[str, ProgramEntry] = Field(default_factory=dict, description="By name.")
     environment: dict[str, bool | int | str] = Field(

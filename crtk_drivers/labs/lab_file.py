@@ -42,6 +42,7 @@ from crtk_drivers.config.variables import SECURED, absolute, checked_variables
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
 from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.labs.lab_entries import (
+    ALL_MACHINES,
     DRIVER_ENCLAVE,
     NAME,
     NAMESPACE,
@@ -51,6 +52,7 @@ from crtk_drivers.labs.lab_entries import (
     LabSettings,
     TeleopLabSettings,
 )
+from crtk_drivers.labs.machines import Elsewhere, Shares, named_machine, shares_of
 from crtk_drivers.motion.teleop.teleop_settings import TeleopSettings
 from crtk_drivers.plugins import DevicePlugin
 
@@ -58,6 +60,7 @@ __all__ = [
     "BoundEntry",
     "CarriedEntry",
     "DeviceEntry",
+    "Elsewhere",
     "Lab",
     "LabDevice",
     "LabProgram",
@@ -85,6 +88,7 @@ class LabDevice:
             nor these are real.
         entry: as it was written, with all that concerns the bench.
         enclave: of SROS2; empty: what ROS 2 takes if nothing is said.
+        machine: which starts it; empty where the lab file names no machine.
     """
 
     name: str
@@ -98,6 +102,7 @@ class LabDevice:
     entry: DeviceEntry
     coupled: CarriedEntry | None = None
     enclave: str = ""
+    machine: str = ""
 
     @property
     def simulated(self) -> bool:
@@ -112,6 +117,12 @@ class LabDevice:
         found = [attrgetter(key)(self.config) for key in self.plugin.addresses]
         return " ".join(str(value) for value in found if value not in (None, ""))
 
+    @property
+    def is_on_a_network(self) -> bool:
+        """Whether other machines could reach it too: it has a host, and that is not its own machine."""
+        host = str(getattr(self.config, "host", None) or "")
+        return bool(host) and host != "localhost" and not host.startswith("127.")
+
 
 @dataclass(frozen=True)
 class LabProgram:
@@ -120,6 +131,7 @@ class LabProgram:
     name: str
     command: tuple[str, ...]
     after: tuple[str, ...]
+    machine: str = ""
 
 
 @dataclass(frozen=True)
@@ -133,6 +145,9 @@ class Lab:
         programs: by name.
         settings: as they were written, with all that concerns the bench.
         environment: variables for every process of it, over those of the shell: of the file, and given.
+        machine: whose share this is; empty, or ``all``: it is the whole lab.
+        machines: that the lab file names; none if it names none.
+        elsewhere: the devices that other machines start, by name.
         bound_places: where each of its bounds was written, for messages.
     """
 
@@ -143,6 +158,9 @@ class Lab:
     settings: LabSettings
     bound_places: Mapping[str, str] = field(default_factory=dict)
     environment: Mapping[str, str] = field(default_factory=dict)
+    machine: str = ""
+    machines: tuple[str, ...] = ()
+    elsewhere: Mapping[str, Elsewhere] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -195,7 +213,7 @@ def _namespace_of(name: str, settings: LabSettings, place: str) -> str:
             else f"Give one of this file ({', '.join(settings.devices) or 'it has none'}), or the "
             "namespace of any: /MTMR.",
         )
-    return settings.devices[name].namespace or f"/{name}"
+    return _namespace(name, settings.devices[name])
 
 
 def load_lab(
@@ -204,6 +222,7 @@ def load_lab(
     sim: bool = False,
     only: tuple[str, ...] = (),
     environment: Mapping[str, str] = MappingProxyType({}),
+    machine: str = ALL_MACHINES,
 ) -> Lab:
     """Read a lab file and check all that it says, the settings of every device included.
 
@@ -212,6 +231,8 @@ def load_lab(
         sim: simulate every device that has a simulator.
         only: names of the devices that are wanted, and no programs; empty: everything.
         environment: variables over those of the file.
+        machine: whose share is wanted; the devices of the others are `elsewhere` then. Empty: of the
+            machine that is called as this one; ``all``: the whole lab. See `named_machine`.
 
     Raises:
         ConfigError: with what is wrong, and the line.
@@ -220,24 +241,51 @@ def load_lab(
     layer = from_file(path)
     settings = load(LabSettings, layer)
     _check_names(settings, layer)
+    shares = shares_of(settings, layer)
+    here = named_machine(shares, machine)
     for name in only:
         _require(name, settings, str(path))
-    wanted = {name: settings.devices[name] for name in settings.devices if not only or name in only}
+        _require_here(name, shares, here)
+    wanted = {
+        name: entry
+        for name, entry in settings.devices.items()
+        if (not only or name in only) and shares.is_of(("devices", name), here)
+    }
     variables = {**_said(settings, path), **absolute(environment, Path())}
     is_secured = {**os.environ, **variables}.get(SECURED) == "true"
     found = {
-        name: _device(name, entry, layer, path, sim, is_secured) for name, entry in wanted.items()
+        name: replace(
+            _device(name, entry, layer, path, sim, is_secured),
+            machine=shares.owners.get(("devices", name), ""),
+        )
+        for name, entry in wanted.items()
     }
-    _check_alone(found, layer)
+    elsewhere = {
+        name: Elsewhere(name, entry.plugin, _namespace(name, entry), shares.owners["devices", name])
+        for name, entry in settings.devices.items()
+        if not shares.is_of(("devices", name), here)
+    }
+    _check_alone(found, elsewhere, layer)
     if settings.teleop is not None:
         for side in ("leader", "follower"):
             name = getattr(settings.teleop, side)
             _namespace_of(name, settings, layer.place(("teleop", side)))
     order = _ordered(found, settings, layer)
     devices = {name: _coupled(found[name], found) for name in order}
-    programs = {} if only else dict(_programs(settings, layer))
+    programs = {} if only else dict(_programs(settings, layer, shares, here))
     places = {name: layer.place(("bounds", name)) for name in settings.bounds}
-    return Lab(settings.name, path, devices, programs, settings, places, variables)
+    return Lab(
+        settings.name,
+        path,
+        devices,
+        programs,
+        settings,
+        places,
+        variables,
+        machine=here,
+        machines=shares.machines,
+        elsewhere=elsewhere,
+    )
 
 
 def _device(
@@ -271,7 +319,7 @@ def _device(
         except CrtkError as error:
             where = lab.place(("devices", name))
             raise ConfigError(error.message, where=where, remedy=error.remedy) from error
-    namespace = entry.namespace or f"/{name}"
+    namespace = _namespace(name, entry)
     return LabDevice(
         name,
         plugin,
@@ -284,6 +332,10 @@ def _device(
         entry,
         enclave=entry.enclave or (f"{namespace}/{DRIVER_ENCLAVE}" if is_secured else ""),
     )
+
+
+def _namespace(name: str, entry: DeviceEntry) -> str:
+    return entry.namespace or f"/{name}"
 
 
 def _coupled(device: LabDevice, devices: Mapping[str, LabDevice]) -> LabDevice:
@@ -313,12 +365,16 @@ def _part(lab: Layer, key: tuple[str, ...], values: Mapping[str, Any]) -> Layer:
     return Layer(values, lab.place(key), places)
 
 
-def _programs(settings: LabSettings, lab: Layer) -> Iterator[tuple[str, LabProgram]]:
+def _programs(
+    settings: LabSettings, lab: Layer, shares: Shares, here: str
+) -> Iterator[tuple[str, LabProgram]]:
     for name, entry in settings.programs.items():
         after = tuple(settings.devices) if entry.after is None else entry.after
         for other in after:
             _require(other, settings, lab.place(("programs", name, "after")))
-        yield name, LabProgram(name, entry.command, after)
+        if shares.is_of(("programs", name), here):
+            machine = shares.owners.get(("programs", name), "")
+            yield name, LabProgram(name, entry.command, after, machine)
 
 
 def _check_names(settings: LabSettings, lab: Layer) -> None:
@@ -332,22 +388,34 @@ def _check_names(settings: LabSettings, lab: Layer) -> None:
                 )
 
 
-def _check_alone(devices: Mapping[str, LabDevice], lab: Layer) -> None:
+def _check_alone(
+    devices: Mapping[str, LabDevice], elsewhere: Mapping[str, Elsewhere], lab: Layer
+) -> None:
     """Refuse two devices in one namespace, or at one address."""
-    for kind, value_of in (
-        ("namespace", lambda device: device.namespace),
+    spaces = [
+        *((device.namespace, device.name, device.namespace) for device in devices.values()),
+        *((other.namespace, other.name, other.namespace) for other in elsewhere.values()),
+    ]
+    addresses = [
         (
-            "address",
-            lambda device: (device.plugin.name, device.address) if device.address else None,
-        ),
-    ):
+            (
+                device.plugin.name,
+                device.address,
+                "" if device.is_on_a_network else device.machine,
+            ),
+            device.name,
+            device.address,
+        )
+        for device in devices.values()
+        if device.address
+    ]
+    for kind, owned in (("namespace", spaces), ("address", addresses)):
         owners: dict[Any, str] = {}
-        for name, device in devices.items():
-            value = value_of(device)
-            if value is not None and owners.setdefault(value, name) != name:
-                told = value if isinstance(value, str) else value[1]
+        for value, name, words in owned:
+            owner = owners.setdefault(value, name)
+            if owner != name:
                 raise ConfigError(
-                    f"{owners[value]} and {name} have one {kind}: {told}",
+                    f"{owner} and {name} have one {kind}: {words}",
                     where=lab.place(("devices", name)),
                     remedy="A device has one driver.",
                 )
@@ -367,6 +435,15 @@ def _ordered(devices: Mapping[str, LabDevice], settings: LabSettings, lab: Layer
             where=str(lab.source),
             remedy="Look at `on` and `after`.",
         ) from error
+
+
+def _require_here(name: str, shares: Shares, here: str) -> None:
+    if not shares.is_of(("devices", name), here):
+        owner = shares.owners["devices", name]
+        raise ConfigError(
+            f"{name} is started by {owner}, and this machine is {here}",
+            remedy=f"Start it there; or here as that machine does, --machine {owner}.",
+        )
 
 
 def _require(name: str, settings: LabSettings, place: str) -> None:

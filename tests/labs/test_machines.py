@@ -1,0 +1,126 @@
+"""A lab on several machines: who starts what, as the lab file says."""
+
+import pytest
+
+from crtk_drivers.errors import ConfigError
+from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.machines import is_called
+
+TWO = """
+name = "pair"
+machine = "control"
+
+[devices.arm]
+plugin = "loopback"
+
+[devices.camera]
+plugin = "a-plugin-of-that-machine"
+machine = "tracking"
+
+[programs.teleop]
+command = ["true"]
+
+[programs.logger]
+command = ["true"]
+machine = "tracking"
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        path = tmp_path / "lab.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_a_machine_starts_its_share(written):
+    lab = load_lab(written(TWO), machine="control")
+    assert (tuple(lab.devices), tuple(lab.programs)) == (("arm",), ("teleop",))
+    assert lab.programs["teleop"].after == ("arm", "camera")
+    there = lab.elsewhere["camera"]
+    assert (there.namespace, there.machine) == ("/camera", "tracking")
+    assert (lab.machine, lab.machines) == ("control", ("control", "tracking"))
+
+
+def test_this_machine_goes_by_its_host_name(written, monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "CONTROL.lab.example")
+    assert load_lab(written(TWO), machine="").machine == "control"
+    monkeypatch.setattr("socket.gethostname", lambda: "laptop")
+    with pytest.raises(ConfigError, match=r"called 'laptop'.*control, tracking.*--machine control"):
+        load_lab(written(TWO), machine="")
+
+
+def test_the_whole_lab_needs_every_plugin(written):
+    with pytest.raises(ConfigError, match="a-plugin-of-that-machine"):
+        load_lab(written(TWO))
+    assert not load_lab(written(TWO.replace("a-plugin-of-that-machine", "ndi")), sim=True).elsewhere
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ('machine = "control"\n', "", "nobody says which machine starts arm"),
+        ('"tracking"', '"control.lab.example"', "are one machine by their names"),
+        ('"tracking"', '"track_ing"', "is no host name"),
+        ('"tracking"', '"all"', "is no machine"),
+        (
+            'plugin = "a-plugin',
+            'namespace = "/arm"\nplugin = "a-plugin',
+            "have one namespace: /arm",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(written, old, new, why):
+    with pytest.raises(ConfigError, match=why):
+        load_lab(written(TWO.replace(old, new)), machine="control")
+
+
+@pytest.mark.parametrize(
+    ("machine", "why"),
+    [("laptop", "no machine 'laptop'.*control, tracking"), ("tracking", "a-plugin-of")],
+)
+def test_a_machine_that_was_typed(written, machine, why):
+    with pytest.raises(ConfigError, match=why):
+        load_lab(written(TWO), machine=machine)
+
+
+def test_a_device_of_another_machine_is_not_started_here(written):
+    with pytest.raises(
+        ConfigError, match="camera is started by tracking, and this machine is cont"
+    ):
+        load_lab(written(TWO), machine="control", only=("camera",))
+
+
+def test_a_lab_without_machines_has_none(written):
+    plain = '[devices.arm]\nplugin = "loopback"\n'
+    lab = load_lab(written(plain), machine="")
+    assert (lab.machine, lab.machines, dict(lab.elsewhere)) == ("", (), {})
+    with pytest.raises(ConfigError, match="names no machine"):
+        load_lab(written(plain), machine="control")
+
+
+def test_a_serial_port_is_one_of_each_machine(written):
+    both = "\n".join(
+        f'[devices.{name}]\nplugin = "robotiq"\nmachine = "{machine}"\nsettings.port = "/dev/ttyUSB0"'
+        for name, machine in (("left", "one"), ("right", "two"))
+    )
+    assert len(load_lab(written(both)).devices) == 2
+    with pytest.raises(ConfigError, match="have one address"):
+        load_lab(written(both.replace('"two"', '"one"')))
+
+
+@pytest.mark.parametrize(
+    ("host", "name", "same"),
+    [
+        ("control", "control", True),
+        ("control.lab.example", "control", True),
+        ("Control", "control", True),
+        ("control2", "control", False),
+        ("control", "control.lab.example", False),
+    ],
+)
+def test_a_long_host_name_is_its_first_part(host, name, same):
+    assert is_called(host, name) is same
