@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from crtk_drivers.state import Status
 from crtk_drivers.status.health import Health
@@ -63,7 +63,7 @@ class Report:
         """Return the report of a status with its counters."""
         return cls(
             state=str(status.state),
-            cause=_short(status.cause),
+            cause=shortened(status.cause),
             is_busy=status.is_busy,
             is_homed=status.is_homed,
             measures=health.connected and health.sample_age < 1.0,
@@ -71,11 +71,12 @@ class Report:
             expected=health.rate_expected,
             late=health.late_cycles,
             refused=sum(health.refusals.values()),
-            last_refusal=_short(health.last_refusal),
+            last_refusal=shortened(health.last_refusal),
         )
 
 
-def _short(text: str) -> str:
+def shortened(text: str) -> str:
+    """Return a text of at most `LONGEST` characters."""
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
 
 
@@ -125,11 +126,17 @@ class Reporter:
 
 
 def read_reports(descriptor: int, rest: bytes) -> tuple[list[Report], bytes]:
-    """Return the reports that have come, and what has come of the next one.
+    """Return the reports that have come, and what has come of the next one; see `read_objects`."""
+    found, rest = read_objects(descriptor, rest)
+    return [Report(**each) for each in found], rest
+
+
+def read_objects(descriptor: int, rest: bytes) -> tuple[list[dict[str, Any]], bytes]:
+    """Return the JSON objects that have come, one a line, and what has come of the next one.
 
     Args:
         descriptor: of a pipe, which does not block.
-        rest: what had come before of the next report.
+        rest: what had come before of the next line.
     """
     data = rest
     try:
@@ -138,7 +145,7 @@ def read_reports(descriptor: int, rest: bytes) -> tuple[list[Report], bytes]:
     except BlockingIOError:
         pass
     *lines, rest = data.split(b"\n")
-    return [Report(**json.loads(line)) for line in lines], rest
+    return [json.loads(line) for line in lines], rest
 
 
 def last_line(log: Path) -> str:
