@@ -20,7 +20,7 @@ from crtk_drivers.cli.pedal_keys import keys_of
 from crtk_drivers.cli.reaching import FIND_TIMEOUT, Interrupted, Timeout, interruptible, prepare
 from crtk_drivers.cli.terminal import ERR, plain
 from crtk_drivers.errors import ConnectionLost
-from crtk_drivers.labs.lab_file import LabTeleop, load_teleop
+from crtk_drivers.labs.lab_outline import LabTeleop, load_teleop
 from crtk_drivers.motion.teleop.jaws import share_of
 from crtk_drivers.motion.teleop.machine import Coupled, Phase
 from crtk_drivers.ros import environment

@@ -10,7 +10,7 @@ from typing import Self
 from typing_extensions import override
 
 from crtk_drivers.client.remote import CONNECT_TIMEOUT, RemoteDevice, connect
-from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.lab_outline import load_outline
 from crtk_drivers.ros import environment
 
 __all__ = ["LabDevices", "lab"]
@@ -60,6 +60,7 @@ class LabDevices(Mapping[str, RemoteDevice]):
 def lab(path: str | Path, *only: str, timeout: float = CONNECT_TIMEOUT) -> LabDevices:
     """Connect to the devices of a lab, which ``crtk-driver up`` has brought up.
 
+    They may be on several machines, and their drivers need not be installed on this one.
     What the lab file says of ROS 2 in `environment`, such as the domain, holds for this process from now on.
     A context or node that was made before stays in the domain that it was made in.
 
@@ -75,11 +76,12 @@ def lab(path: str | Path, *only: str, timeout: float = CONNECT_TIMEOUT) -> LabDe
     deadline = time.monotonic() + timeout
     found: dict[str, RemoteDevice] = {}
     try:
-        described = load_lab(path, only=only)
+        described = load_outline(path)
+        namespaces = described.namespaces(only)
         environment.adopt(described.environment)
-        for name, device in described.devices.items():
+        for name, namespace in namespaces.items():
             left = max(0.0, deadline - time.monotonic())
-            found[name] = connect(device.namespace, timeout=left)
+            found[name] = connect(namespace, timeout=left)
     except BaseException:
         LabDevices(found).close()
         raise

@@ -19,7 +19,6 @@ command = ["python", "teleop.py"]
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
@@ -38,22 +37,23 @@ from crtk_drivers.config import (
     values_of,
     with_node,
 )
-from crtk_drivers.config.variables import SECURED, absolute, checked_variables
+from crtk_drivers.config.variables import SECURED, absolute
 from crtk_drivers.errors import ConfigError, CrtkError, PluginError
-from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.labs.lab_entries import (
     ALL_MACHINES,
     DRIVER_ENCLAVE,
-    NAME,
-    NAMESPACE,
     BoundEntry,
     CarriedEntry,
     DeviceEntry,
     LabSettings,
-    TeleopLabSettings,
 )
-from crtk_drivers.labs.machines import Elsewhere, Shares, named_machine, shares_of
-from crtk_drivers.motion.teleop.teleop_settings import TeleopSettings
+from crtk_drivers.labs.lab_outline import (
+    check_places,
+    load_outline,
+    namespace_of,
+    require_device,
+)
+from crtk_drivers.labs.machines import Elsewhere, Shares, named_machine
 from crtk_drivers.plugins import DevicePlugin
 
 __all__ = [
@@ -65,9 +65,7 @@ __all__ = [
     "LabDevice",
     "LabProgram",
     "LabSettings",
-    "LabTeleop",
     "load_lab",
-    "load_teleop",
 ]
 
 
@@ -162,58 +160,15 @@ class Lab:
     machines: tuple[str, ...] = ()
     elsewhere: Mapping[str, Elsewhere] = field(default_factory=dict)
 
-
-@dataclass(frozen=True)
-class LabTeleop:
-    """The teleoperation of a lab file, the namespaces of the two, and the environment of the lab."""
-
-    settings: TeleopSettings
-    leader: str
-    follower: str
-    environment: Mapping[str, str] = field(default_factory=dict)
-
-
-def load_teleop(path: str | Path) -> LabTeleop:
-    """Read the table ``[teleop]`` of a lab file. The settings of its devices are not looked at.
-
-    Raises:
-        ConfigError: with what is wrong, and the line.
-    """
-    layer = from_file(path)
-    settings = load(TeleopLabSettings, layer)
-    leader, follower = (
-        _namespace_of(getattr(settings.teleop, side), settings, layer.place(("teleop", side)))
-        for side in ("leader", "follower")
-    )
-    if leader == follower:
-        raise ConfigError(
-            f"leader and follower are both {leader}",
-            where=layer.place(("teleop", "follower")),
-            remedy="A device cannot follow itself.",
+    @property
+    def left_out(self) -> str:
+        """Which devices other machines start, in words; empty if none does."""
+        machines = dict.fromkeys(other.machine for other in self.elsewhere.values())
+        return "; ".join(
+            f"{', '.join(name for name, other in self.elsewhere.items() if other.machine == machine)} "
+            f"on {machine}"
+            for machine in machines
         )
-    return LabTeleop(settings.teleop, leader, follower, _said(settings, Path(path)))
-
-
-def _said(settings: LabSettings, path: Path) -> dict[str, str]:
-    """Return the environment of a lab file, whose relative paths count from the folder of the file."""
-    return absolute(checked_variables(settings.environment), path.parent)
-
-
-def _namespace_of(name: str, settings: LabSettings, place: str) -> str:
-    """Return the namespace of a device of the lab, or of any device, that is named by its namespace."""
-    if re.fullmatch(NAMESPACE, name):
-        return name
-    if name not in settings.devices:
-        meant = near_names(name, settings.devices)
-        raise ConfigError(
-            f"there is no device {name!r}",
-            where=place,
-            remedy=f"Did you mean {meant[0]!r}?"
-            if meant
-            else f"Give one of this file ({', '.join(settings.devices) or 'it has none'}), or the "
-            "namespace of any: /MTMR.",
-        )
-    return _namespace(name, settings.devices[name])
 
 
 def load_lab(
@@ -238,20 +193,17 @@ def load_lab(
         ConfigError: with what is wrong, and the line.
     """
     path = Path(path)
-    layer = from_file(path)
-    settings = load(LabSettings, layer)
-    _check_names(settings, layer)
-    shares = shares_of(settings, layer)
+    outline = load_outline(path)
+    settings, layer, shares = outline.settings, outline.layer, outline.shares
     here = named_machine(shares, machine)
-    for name in only:
-        _require(name, settings, str(path))
-        _require_here(name, shares, here)
     wanted = {
         name: entry
-        for name, entry in settings.devices.items()
-        if (not only or name in only) and shares.is_of(("devices", name), here)
+        for name, entry in outline.entries(only).items()
+        if only or shares.is_of(("devices", name), here)
     }
-    variables = {**_said(settings, path), **absolute(environment, Path())}
+    for name in only:
+        _require_here(name, shares, here)
+    variables = {**outline.environment, **absolute(environment, Path())}
     is_secured = {**os.environ, **variables}.get(SECURED) == "true"
     found = {
         name: replace(
@@ -261,26 +213,23 @@ def load_lab(
         for name, entry in wanted.items()
     }
     elsewhere = {
-        name: Elsewhere(name, entry.plugin, _namespace(name, entry), shares.owners["devices", name])
+        name: Elsewhere(
+            name, entry.plugin, namespace_of(name, entry), shares.owners["devices", name]
+        )
         for name, entry in settings.devices.items()
         if not shares.is_of(("devices", name), here)
     }
     _check_alone(found, elsewhere, layer)
-    if settings.teleop is not None:
-        for side in ("leader", "follower"):
-            name = getattr(settings.teleop, side)
-            _namespace_of(name, settings, layer.place(("teleop", side)))
     order = _ordered(found, settings, layer)
     devices = {name: _coupled(found[name], found) for name in order}
     programs = {} if only else dict(_programs(settings, layer, shares, here))
-    places = {name: layer.place(("bounds", name)) for name in settings.bounds}
     return Lab(
         settings.name,
         path,
         devices,
         programs,
         settings,
-        places,
+        outline.bound_places,
         variables,
         machine=here,
         machines=shares.machines,
@@ -319,7 +268,7 @@ def _device(
         except CrtkError as error:
             where = lab.place(("devices", name))
             raise ConfigError(error.message, where=where, remedy=error.remedy) from error
-    namespace = _namespace(name, entry)
+    namespace = namespace_of(name, entry)
     return LabDevice(
         name,
         plugin,
@@ -332,10 +281,6 @@ def _device(
         entry,
         enclave=entry.enclave or (f"{namespace}/{DRIVER_ENCLAVE}" if is_secured else ""),
     )
-
-
-def _namespace(name: str, entry: DeviceEntry) -> str:
-    return entry.namespace or f"/{name}"
 
 
 def _coupled(device: LabDevice, devices: Mapping[str, LabDevice]) -> LabDevice:
@@ -371,21 +316,10 @@ def _programs(
     for name, entry in settings.programs.items():
         after = tuple(settings.devices) if entry.after is None else entry.after
         for other in after:
-            _require(other, settings, lab.place(("programs", name, "after")))
+            require_device(other, settings, lab.place(("programs", name, "after")))
         if shares.is_of(("programs", name), here):
             machine = shares.owners.get(("programs", name), "")
             yield name, LabProgram(name, entry.command, after, machine)
-
-
-def _check_names(settings: LabSettings, lab: Layer) -> None:
-    for kind, names in (("devices", settings.devices), ("programs", settings.programs)):
-        for name in names:
-            if not re.fullmatch(NAME, name):
-                raise ConfigError(
-                    f"{name!r} is no name",
-                    where=lab.place((kind, name)),
-                    remedy="Use letters, digits and underscores, a letter first.",
-                )
 
 
 def _check_alone(
@@ -409,23 +343,15 @@ def _check_alone(
         for device in devices.values()
         if device.address
     ]
-    for kind, owned in (("namespace", spaces), ("address", addresses)):
-        owners: dict[Any, str] = {}
-        for value, name, words in owned:
-            owner = owners.setdefault(value, name)
-            if owner != name:
-                raise ConfigError(
-                    f"{owner} and {name} have one {kind}: {words}",
-                    where=lab.place(("devices", name)),
-                    remedy="A device has one driver.",
-                )
+    check_places("namespace", spaces, lab)
+    check_places("address", addresses, lab)
 
 
 def _ordered(devices: Mapping[str, LabDevice], settings: LabSettings, lab: Layer) -> list[str]:
     sorter: TopologicalSorter[str] = TopologicalSorter()
     for name, device in devices.items():
         for other in device.after:
-            _require(other, settings, lab.place(("devices", name)))
+            require_device(other, settings, lab.place(("devices", name)))
         sorter.add(name, *(other for other in device.after if other in devices))
     try:
         return list(sorter.static_order())
@@ -443,13 +369,4 @@ def _require_here(name: str, shares: Shares, here: str) -> None:
         raise ConfigError(
             f"{name} is started by {owner}, and this machine is {here}",
             remedy=f"Start it there; or here as that machine does, --machine {owner}.",
-        )
-
-
-def _require(name: str, settings: LabSettings, place: str) -> None:
-    if name not in settings.devices:
-        raise ConfigError(
-            f"there is no device {name!r}",
-            where=place,
-            remedy=f"There is: {', '.join(settings.devices)}.",
         )

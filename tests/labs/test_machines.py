@@ -2,8 +2,10 @@
 
 import pytest
 
+from crtk_drivers.client.view.watcher import wanted
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.lab_outline import load_outline
 from crtk_drivers.labs.machines import is_called
 
 TWO = """
@@ -124,3 +126,24 @@ def test_a_serial_port_is_one_of_each_machine(written):
 )
 def test_a_long_host_name_is_its_first_part(host, name, same):
     assert is_called(host, name) is same
+
+
+def test_clients_need_no_drivers(written):
+    outline = load_outline(written(TWO))
+    assert outline.namespaces() == {"arm": "/arm", "camera": "/camera"}
+    assert outline.namespaces(("camera",)) == {"camera": "/camera"}
+    with pytest.raises(ConfigError, match="there is no device 'ft'"):
+        outline.namespaces(("ft",))
+
+
+def test_a_client_is_not_given_two_devices_of_one_name(written):
+    both = TWO.replace('plugin = "a-', 'namespace = "/arm"\nplugin = "a-')
+    with pytest.raises(ConfigError, match="have one namespace: /arm"):
+        load_outline(written(both)).namespaces()
+
+
+def test_a_page_shows_devices_of_all_machines(written):
+    lab = TWO.replace('machine = "tracking"', 'machine = "tracking"\non = "arm"', 1)
+    found = wanted([str(written(lab))])
+    assert found.namespaces == ("/arm", "/camera")
+    assert found.mounted["/camera"][0] == "/arm"

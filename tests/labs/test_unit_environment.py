@@ -21,7 +21,7 @@ from crtk_drivers.config.variables import (
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import device_command, load_lab
 from crtk_drivers.labs.lab_commands import require_commands
-from crtk_drivers.labs.lab_file import load_teleop
+from crtk_drivers.labs.lab_outline import load_teleop
 from crtk_drivers.labs.unit_environment import (
     closed_to_others,
     doubts,

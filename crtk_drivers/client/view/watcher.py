@@ -194,7 +194,7 @@ def wanted(arguments: Sequence[str]) -> Wanted:
     Raises:
         ConfigError: that is no namespace, or a lab file that is wrong.
     """
-    from crtk_drivers.labs import load_lab
+    from crtk_drivers.labs.lab_outline import load_outline
 
     found: list[str] = []
     mounted: dict[str, tuple[str, Array]] = {}
@@ -202,13 +202,13 @@ def wanted(arguments: Sequence[str]) -> Wanted:
         if not each.endswith(LAB_FILES):
             found.append(checked_namespace(f"/{each.strip('/')}", option=""))
             continue
-        lab = load_lab(each, sim=True)  # settings of hardware matter to `up` alone
+        lab = load_outline(each)  # settings of hardware matter to `up` alone
         environment.adopt(lab.environment)
         environment.share_no_memory()
-        devices = lab.devices
-        for device in devices.values():
-            found.append(device.namespace)
-            if device.entry.on in devices:
-                mounting = matrix_of(device.entry.mounting.pose)
-                mounted[device.namespace] = (devices[device.entry.on].namespace, mounting)
+        namespaces = lab.namespaces()
+        found += namespaces.values()
+        for name, entry in lab.entries().items():
+            if entry.on in namespaces:
+                mounting = matrix_of(entry.mounting.pose)
+                mounted[namespaces[name]] = (namespaces[entry.on], mounting)
     return Wanted(tuple(dict.fromkeys(found)), mounted)

@@ -10,6 +10,7 @@ from typing import Final
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.errors.near_names import near_names
 from crtk_drivers.labs.lab_file import BoundEntry, Lab
+from crtk_drivers.labs.lab_outline import LabOutline
 from crtk_drivers.labs.verdicts.judging import Bound, Comparison, Quantity, Worse
 
 OWN_GROUP: Final = "lab"
@@ -23,7 +24,7 @@ _OF_TOLD: Final = {
 """How a figure is judged that is only told, once it has a bound."""
 
 
-def check_bounds(lab: Lab, quantities: Mapping[str, Quantity]) -> None:
+def check_bounds(lab: Lab | LabOutline, quantities: Mapping[str, Quantity]) -> None:
     """Refuse bounds of figures that there are not, and those that say nothing of theirs.
 
     Args:

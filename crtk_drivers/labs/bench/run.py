@@ -41,7 +41,8 @@ from crtk_drivers.labs.bench.locks import alone
 from crtk_drivers.labs.bench.pressure import Pressure
 from crtk_drivers.labs.bench.taping import read_recording
 from crtk_drivers.labs.bench.trace import Trace
-from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice, load_lab
+from crtk_drivers.labs.lab_file import BoundEntry, Lab, LabDevice
+from crtk_drivers.labs.lab_outline import load_outline
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
 from crtk_drivers.status.stop_request import StopRequest
 
@@ -486,7 +487,7 @@ def judged_again(folder: Path, lab_file: Path | None) -> results.Run:
     path = lab_file or Path(run.lab_file)
     bounds: Mapping[str, BoundEntry] = {}
     if lab_file or path.is_file():
-        lab = load_lab(path, sim=True)
+        lab = load_outline(path)
         check_bounds(lab, QUANTITIES)
         bounds = lab.settings.bounds
     known = {test.id: test for test in TESTS}

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from crtk_drivers.client.teleop import Teleoperation, reached_sides, topic_pedals
-from crtk_drivers.labs.lab_file import load_lab, load_teleop
+from crtk_drivers.labs.lab_file import load_lab
+from crtk_drivers.labs.lab_outline import load_teleop
 from crtk_drivers.motion.teleop import Phase
 from crtk_drivers.session import Session
 from crtk_sim_backends.haply import SIM

@@ -6,7 +6,7 @@ import pytest
 
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import load_lab
-from crtk_drivers.labs.lab_file import load_teleop
+from crtk_drivers.labs.lab_outline import load_teleop
 
 DEVICES = """
 [devices.hand]
