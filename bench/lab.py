@@ -18,7 +18,8 @@ from pathlib import Path
 
 from bench.report import show, spread
 from crtk_drivers.labs import load_lab, supervisor
-from crtk_drivers.labs.supervisor import Phase, Supervisor
+from crtk_drivers.labs.child import Phase
+from crtk_drivers.labs.supervisor import Supervisor
 
 LAB = '[devices.one]\nplugin = "loopback"\n[devices.two]\nplugin = "loopback"\n'
 PATIENCE = 60.0

@@ -28,9 +28,10 @@ from crtk_drivers.errors.wording import worded
 from crtk_drivers.labs import Lab, load_lab
 from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.catalogue import QUANTITIES
+from crtk_drivers.labs.child import Child, Phase
 from crtk_drivers.labs.lab_commands import require_commands
 from crtk_drivers.labs.libraries import require_libraries
-from crtk_drivers.labs.supervisor import LOOK_PERIOD, Child, Phase, Supervisor
+from crtk_drivers.labs.supervisor import LOOK_PERIOD, Supervisor
 from crtk_drivers.labs.unit_environment import (
     closed_to_others,
     doubts,

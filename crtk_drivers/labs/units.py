@@ -13,9 +13,10 @@ from typing import Final
 
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.errors.exit_codes import USAGE_ERROR
+from crtk_drivers.labs.child import FIRST_DELAY
 from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab, LabDevice
-from crtk_drivers.labs.supervisor import FIRST_DELAY, LONGEST_DELAY, STOP_TIMEOUT
+from crtk_drivers.labs.supervisor import LONGEST_DELAY, STOP_TIMEOUT
 from crtk_drivers.labs.unit_environment import unit_environment
 
 HEADER: Final = "# Written by crtk-driver up --systemd; it is written anew the next time.\n"

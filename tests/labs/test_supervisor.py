@@ -16,9 +16,12 @@ import pytest
 from crtk_drivers.cli import main, up_command
 from crtk_drivers.errors.exit_codes import NOT_INSTALLED
 from crtk_drivers.labs import Lab, LabProgram, load_lab, reports, supervisor
+from crtk_drivers.labs.child import Child, Phase
 from crtk_drivers.labs.lab_file import LabSettings
+from crtk_drivers.labs.machines import Elsewhere
 from crtk_drivers.labs.reports import Report, Reporter, read_reports
-from crtk_drivers.labs.supervisor import Child, Phase, Supervisor
+from crtk_drivers.labs.seen import Seen
+from crtk_drivers.labs.supervisor import Supervisor
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.health import Health
 from crtk_drivers.status.marked_processes import left_behind
@@ -374,7 +377,7 @@ def has_measured(running, folder, then):
 
 
 def test_a_device_that_stands_still_is_not_ready_whatever_it_told_last(lab, tmp_path, monkeypatch):
-    monkeypatch.setattr(supervisor, "SILENCE", 0.05)
+    monkeypatch.setattr("crtk_drivers.labs.child.SILENCE", 0.05)
     assert has_measured(lab(), tmp_path, "time.sleep(1000)").phase is Phase.RUNNING
 
 
@@ -544,3 +547,96 @@ def test_a_report_says_whether_it_measures():
     assert not Report.of(status, Health()).measures
     assert not Report.of(status, old).measures
     assert Report.of(status, new).measures
+
+
+OBSERVES = """
+import json, os, sys, time
+assert json.loads(sys.argv[1]) == {"camera": "/there/camera"}
+pipe = int(os.environ["CRTK_DRIVERS_REPORT_FD"])
+assert os.environ["CRTK_DRIVERS_PULSE_FD"] and os.environ["MINE"] == "yes"
+while True:
+    with open("seen") as file:
+        line = file.read()
+    if line == "end":
+        sys.exit(3)
+    if line:
+        os.write(pipe, line.encode() + b"\\n")
+    time.sleep(0.02)
+"""
+"""In place of the observer: tells what a file says, as often as it can."""
+
+NOT_SEEN = Seen("camera", False)
+IDLE = Seen("camera", True, "DISABLED", measures=True)
+
+
+@pytest.fixture
+def watching(tmp_path, monkeypatch):
+    """A supervisor of a lab with a device elsewhere, and what writes how that is seen."""
+    monkeypatch.setattr(supervisor, "OBSERVER", (*PYTHON, OBSERVES))
+    monkeypatch.setattr(supervisor, "FIRST_DELAY", 0.05)
+    elsewhere = {"camera": Elsewhere("camera", "ndi", "/there/camera", "tracking")}
+    program = {"work": LabProgram("work", (*PYTHON, FOREVER), ("camera",))}
+    lab = replace(lab_of(tmp_path, program), elsewhere=elsewhere, environment={"MINE": "yes"})
+
+    def tell(said):
+        (tmp_path / "new").write_text(said if isinstance(said, str) else said.line.decode().strip())
+        (tmp_path / "new").rename(tmp_path / "seen")
+
+    tell(NOT_SEEN)
+    running = Supervisor(lab, tmp_path / "logs")
+    running.observer.delay = 0.05
+    yield running, tell
+    running.stop()
+
+
+def test_a_program_waits_for_a_device_of_another_machine(watching):
+    running, tell = watching
+    work = running.programs["work"]
+    until(running, lambda: running.observer.seen("camera"), "something is known of it")
+    assert (work.phase, work.why) == (Phase.WAITING, "waits for camera on tracking")
+    tell(replace(IDLE, measures=False))
+    until(running, lambda: running.observer.seen("camera").seen, "it is seen")
+    assert work.phase is Phase.WAITING
+    tell(IDLE)
+    until(running, lambda: is_up(work), "it is started")
+
+
+def test_a_device_waits_for_another_machine_only_so_long(watching, monkeypatch, caplog, tmp_path):
+    running, _ = watching
+    command = (*PYTHON, FOREVER)
+    ft = Child("ft", command, ("camera",), tmp_path / "logs" / "ft.log", True)
+    running.devices["ft"] = ft
+    until(running, lambda: running.observer.seen("camera"), "something is known of it")
+    assert ft.phase is Phase.WAITING
+    monkeypatch.setattr(supervisor, "PATIENCE", 0.0)
+    until(running, lambda: is_up(ft), "it is started")
+    assert "ft: started, though camera on tracking does not measure" in caplog.messages
+
+
+def test_what_an_observer_has_said_ends_with_it(watching):
+    running, tell = watching
+    tell(IDLE)
+    until(running, lambda: running.observer.seen("camera"), "it is seen")
+    tell("end")
+    until(running, lambda: running.observer.restarts, "it was started again")
+    assert running.observer.seen("camera") is None
+    tell(IDLE)
+    until(running, lambda: running.observer.seen("camera"), "it is seen again")
+    assert running.stop()
+
+
+def test_an_observer_that_stands_still_says_nothing(watching, monkeypatch):
+    running, tell = watching
+    tell(IDLE)
+    until(running, lambda: running.observer.seen("camera"), "it is seen")
+    monkeypatch.setattr("crtk_drivers.labs.child.SILENCE", 0.05)
+    os.kill(running.observer.process.pid, signal.SIGSTOP)
+    until(running, lambda: running.observer.seen("camera") is None, "that is not known any more")
+    monkeypatch.setattr(supervisor, "STANDS_STILL", 0.5)
+    monkeypatch.setattr("crtk_drivers.labs.child.SILENCE", 5.0)
+    until(running, lambda: running.observer.restarts, "it was killed, and started again")
+    until(running, lambda: running.observer.seen("camera"), "it is seen again")
+
+
+def test_a_lab_on_one_machine_has_no_observer(lab):
+    assert lab(work=FOREVER).observer is None
