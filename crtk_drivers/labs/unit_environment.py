@@ -41,7 +41,15 @@ from crtk_drivers.config.variables import (
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.lab_file import Lab
 
-__all__ = ["closed_to_others", "doubts", "hidden", "not_working", "origin", "unit_environment"]
+__all__ = [
+    "JUDGED_BY_NOBODY",
+    "closed_to_others",
+    "doubts",
+    "hidden",
+    "not_working",
+    "origin",
+    "unit_environment",
+]
 
 TRIAL_TIMEOUT: Final = 60.0
 """Seconds in which Python, ROS 2 and a node have started."""
@@ -52,7 +60,9 @@ SYSTEMD_PATH: Final = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin"
 _DEFAULTS: Final = {DOMAIN: "0", RANGE: "LOCALHOST"}
 _OPENING: Final = (RANGE, STATIC_PEERS)
 _OF_THIS_MACHINE: Final = ("LOCALHOST", "OFF")
-_JUDGED_BY_NOBODY: Final = (*PROFILES, CYCLONE, SERVER, *ZENOH)
+JUDGED_BY_NOBODY: Final = (*PROFILES, CYCLONE, SERVER, *ZENOH)
+"""Variables that decide on their own who is met; what they name is not read."""
+
 _PRIVATE: Final = (Path("/tmp"), Path("/var/tmp"))
 """A unit has folders of its own in place of these (PrivateTmp=)."""
 
@@ -98,7 +108,7 @@ def doubts(variables: Mapping[str, str]) -> Iterator[str]:
     for name, path in _paths(variables):
         if not path.exists():
             yield f"{name}: there is no {path}"
-    for name in _JUDGED_BY_NOBODY:
+    for name in JUDGED_BY_NOBODY:
         if variables.get(name):
             yield f"{name} decides beside {RANGE} who can reach the devices: look at it yourself"
     if variables.get(LOCALHOST_ONLY) == "1" and variables.get(RANGE) not in _OF_THIS_MACHINE:
