@@ -18,7 +18,7 @@ from pathlib import Path
 
 from bench.report import show, spread
 from crtk_drivers.labs import load_lab, supervisor
-from crtk_drivers.labs.child import Phase
+from crtk_drivers.labs.child import FIRST_DELAY, Phase
 from crtk_drivers.labs.supervisor import Supervisor
 
 LAB = '[devices.one]\nplugin = "loopback"\n[devices.two]\nplugin = "loopback"\n'
@@ -46,7 +46,7 @@ def measure(trials: int) -> list[tuple[str, list[float]]]:
         one = lab.devices["one"]
         noticed, back = [], []
         for _ in range(trials):
-            one.delay = supervisor.FIRST_DELAY
+            one.delay = FIRST_DELAY
             assert one.process is not None
             os.kill(one.process.pid, signal.SIGKILL)
             noticed.append(until(lab, lambda: one.phase is Phase.RESTARTING))

@@ -2,6 +2,7 @@
 
 ros2 launch examples/lab.launch.py lab:=lab.toml sim:=true devices:="arm ft"
 
+Of a lab on several machines it starts the share of this one, by its host name or machine:=control.
 Needs a ROS 2 installation with `launch`, sourced, and crtk-drivers in its Python. The processes are those
 that `crtk-driver up` starts, with the same settings and `environment`. What launch cannot do: wait until a
 device measures (drivers keep trying until they find what they need), stop the hardware in order, or leave
@@ -19,17 +20,20 @@ FIRST_SIGNAL_TIMEOUT = "20"
 
 def processes(context):
     """Return the actions that start each device, then each program."""
-    from launch.actions import ExecuteProcess
+    from launch.actions import ExecuteProcess, LogInfo
     from launch.substitutions import LaunchConfiguration
 
     def given(name):
         return LaunchConfiguration(name).perform(context)
 
     lab = load_lab(
-        given("lab"), sim=given("sim").lower() == "true", only=tuple(given("devices").split())
+        given("lab"),
+        sim=given("sim").lower() == "true",
+        only=tuple(given("devices").split()),
+        machine=given("machine"),
     )
     folder = Path(tempfile.mkdtemp(prefix=f"{lab.name}-"))
-    actions = []
+    actions = [LogInfo(msg=f"left out: {lab.left_out}")] if lab.left_out else []
     for name, device in lab.devices.items():
         settings = folder / f"{name}.yaml"
         settings.write_text(settings_text(device), "utf-8")
@@ -71,6 +75,11 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument(
                 "devices", default_value="", description="Only these, and no programs."
+            ),
+            DeclareLaunchArgument(
+                "machine",
+                default_value="",
+                description="Which machine of the lab this is; all: the whole lab. By host name if empty.",
             ),
             OpaqueFunction(function=processes),
         ]

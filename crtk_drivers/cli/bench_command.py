@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from crtk_drivers.cli import bench_runs
 from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
-from crtk_drivers.cli.up_command import LabFile, SimOption
+from crtk_drivers.cli.up_command import LabFile, MachineOption, SimOption
 from crtk_drivers.labs.bench.acquisition import Suite
 
 
@@ -99,8 +99,9 @@ def _bench_run(
     regression: Annotated[
         bool, typer.Option("--regression-fails", help="Exit with 1 if a figure became worse.")
     ] = False,
+    machine: MachineOption = "",
 ) -> None:
-    """Test the devices of a lab.
+    """Test the devices of a lab; of one on several machines, those of this one.
 
     Exit codes: 0 passed, 1 failed, 3 not decided or all skipped, 4 it did not come to its end or cannot be
     kept, 2 it cannot be started as asked. A simulated device may always be moved.
@@ -119,6 +120,7 @@ def _bench_run(
             out=out,
             inconclusive_ok=inconclusive,
             regression_fails=regression,
+            machine=machine,
         )
     )
 

@@ -33,6 +33,7 @@ from crtk_drivers.labs.bench.folder import default_folder, finish
 from crtk_drivers.labs.bench.results import Run, read_run
 from crtk_drivers.labs.bench.run import judged_again, run_bench
 from crtk_drivers.labs.lab_commands import require_commands
+from crtk_drivers.labs.lab_file import require_devices
 from crtk_drivers.labs.libraries import require_libraries
 from crtk_drivers.labs.verdicts.judging import Comparison, Verdict, with_unit
 from crtk_drivers.ros import environment
@@ -66,6 +67,7 @@ def run(
     out: Path | None,
     inconclusive_ok: bool,
     regression_fails: bool,
+    machine: str = "",
 ) -> int:
     """Test a lab, keep what was found, and return the exit code.
 
@@ -73,7 +75,10 @@ def run(
         ConfigError: it cannot be started as asked.
     """
     set_up_logging(ERR, "info", LogFormat.TEXT)
-    lab = load_lab(path, sim=sim, only=tuple(devices))
+    lab = load_lab(path, sim=sim, only=tuple(devices), machine=machine)
+    require_devices(lab)
+    if lab.left_out:
+        logger.info("left out: %s; this is %s", lab.left_out, lab.machine)
     require_libraries(lab)
     require_commands(lab, programs=False)
     environment.adopt(lab.environment)

@@ -6,21 +6,19 @@ import logging
 import os
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
 from crtk_drivers.cli.lab_scan import scanned_lab
+from crtk_drivers.cli.lab_view import shown
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
-from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.config.variables import SEARCH_PATHS, assignments, checked_variables, merged
 from crtk_drivers.errors import ConfigError
@@ -30,7 +28,11 @@ from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.catalogue import QUANTITIES
 from crtk_drivers.labs.child import Child, Phase
 from crtk_drivers.labs.lab_commands import require_commands
+from crtk_drivers.labs.lab_entries import ALL_MACHINES
+from crtk_drivers.labs.lab_file import require_devices
 from crtk_drivers.labs.libraries import require_libraries
+from crtk_drivers.labs.machines import NoMachineOfLab
+from crtk_drivers.labs.reachable import doubts_between
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Supervisor
 from crtk_drivers.labs.unit_environment import (
     closed_to_others,
@@ -42,12 +44,20 @@ from crtk_drivers.labs.unit_environment import (
 )
 from crtk_drivers.labs.units import units_of, write_units
 from crtk_drivers.ros import environment
-from crtk_drivers.state import OperatingState
 from crtk_drivers.status.marked_processes import left_behind
 from crtk_drivers.status.stop_request import stop_signals
 
 SimOption = Annotated[
     bool, typer.Option("--sim", help="Simulate every device: no hardware is needed.")
+]
+MachineOption = Annotated[
+    str,
+    typer.Option(
+        "--machine",
+        metavar="NAME",
+        help="Which machine of the lab this is; all: the whole lab. [dim]\\[default: by host name][/dim]",
+        show_default=False,
+    ),
 ]
 LabFile = Annotated[Path, typer.Argument(metavar="LAB", help="The lab file.", show_default=False)]
 
@@ -57,14 +67,6 @@ EARLIER_ENDS_WITHIN: Final = 25.0
 """Seconds in which what an `up` that was killed has left ends: a device stops its hardware first."""
 
 _UNITS: Final = Path("/etc/systemd/system")
-
-_PHASES: Final = {
-    Phase.WAITING: "yellow",
-    Phase.RUNNING: "",
-    Phase.RESTARTING: "bold red",
-    Phase.STOPPING: "yellow",
-    Phase.ENDED: "dim",
-}
 
 app = typer.Typer()
 lab_app = typer.Typer(cls=HelpfulGroup, no_args_is_help=True, rich_markup_mode="rich")
@@ -112,14 +114,20 @@ def _up(
             help="A variable for every process of the lab, over `environment` of the lab file.",
         ),
     ] = None,
+    machine: MachineOption = "",
 ) -> None:
     """Bring up all devices of a lab, one process each, until Ctrl-C.
 
     They start in order, each once what carries it measures; one that ends is started again, DISABLED.
-    Ctrl-C stops programs first, then the devices.
+    Ctrl-C stops programs first, then the devices. Of a lab on several machines it starts the share of this
+    one, and shows the devices of the others as they are seen on ROS.
     """
     found = load_lab(
-        lab, sim=sim, only=tuple(devices or ()), environment=_typed_variables(variables or ())
+        lab,
+        sim=sim,
+        only=tuple(devices or ()),
+        environment=_typed_variables(variables or ()),
+        machine=machine,
     )
     if place is not None and systemd in (None, "-"):
         raise ConfigError(
@@ -158,9 +166,12 @@ def _lab_new(
 
 
 @lab_app.command("check", cls=HelpfulCommand)
-def _lab_check(lab: LabFile, sim: SimOption = False) -> None:
-    """Check a lab file with the settings of all its devices, and show what would be started."""
-    raise typer.Exit(check_lab(lab, sim))
+def _lab_check(lab: LabFile, sim: SimOption = False, machine: MachineOption = "") -> None:
+    """Check a lab file with the settings of all its devices, and show what would be started.
+
+    Of a lab on several machines the settings of this one's devices are checked.
+    """
+    raise typer.Exit(check_lab(lab, sim, machine))
 
 
 app.add_typer(lab_app, name="lab")
@@ -196,6 +207,8 @@ def bring_up(lab: Lab, logs: Path | None, log_level: str) -> int:
     require_commands(lab)
     _wait_for_earlier(lab)
     _check_ros(lab)
+    for doubt in doubts_between(lab, os.environ):
+        logger.warning("%s", doubt)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
     folder = logs or Path("logs") / f"{lab.name}-{stamp}"
     try:
@@ -211,7 +224,9 @@ def bring_up(lab: Lab, logs: Path | None, log_level: str) -> int:
         len(lab.programs),
         folder,
     )
-    with stop_signals() as stop, _shown(supervisor) as show:
+    if lab.left_out:
+        logger.info("%s: this is %s; others start %s", lab.name, lab.machine, lab.left_out)
+    with stop_signals() as stop, shown(supervisor) as show:
         try:
             while not stop.is_set() and not supervisor.is_over:
                 supervisor.step()
@@ -281,8 +296,10 @@ def make_units(lab: Lab, folder: str, place: str | None = None) -> int:
         0; 1 if a node does not start in the environment of these units.
 
     Raises:
-        ConfigError: the lab file cannot be used, or the units cannot be written.
+        ConfigError: the lab file cannot be used, this machine has no device of it, or the units cannot be
+            written.
     """
+    require_devices(lab)
     require_libraries(lab)
     variables = unit_environment(lab)
     if folder == "-":
@@ -294,6 +311,9 @@ def make_units(lab: Lab, folder: str, place: str | None = None) -> int:
     lines = ["Environment of the units, for every client too:"]
     lines += [f"  {name}={value}  ({origin(lab, name)})" for name, value in variables.items()]
     lines += doubts(variables)
+    lines += doubts_between(lab, variables)
+    if lab.left_out:
+        lines.append(f"These are the units of {lab.machine}. Others start {lab.left_out}.")
     if lab.programs:
         lines.append(f"Without a unit: {', '.join(lab.programs)}. Programs are started by `up`.")
     lines += [
@@ -318,109 +338,74 @@ def _has_failed(child: Child) -> bool:
     return child.phase is Phase.ENDED and child.code != 0
 
 
-class _Shown:
-    """The table of a running lab: live on a terminal, else a record when a state is another."""
-
-    def __init__(self, supervisor: Supervisor, live: Live | None) -> None:
-        self._supervisor = supervisor
-        self._live = live
-        self._due = 0.0
-        self._told: dict[str, tuple[str, str]] = {}
-
-    def __call__(self) -> None:
-        if self._live is not None:
-            if time.monotonic() >= self._due:
-                self._due = time.monotonic() + LIVE_PERIOD
-                try:
-                    self._live.update(table_of(self._supervisor), refresh=True)
-                except OSError as error:  # what was started is stopped in its order all the same
-                    logger.error("the terminal is gone: %s", error.strerror)
-                    self._live = None
-            return
-        for child in self._supervisor.devices.values():
-            if child.report is None:
-                continue
-            told = child.report.state, child.report.cause
-            if self._told.get(child.name) != told:
-                self._told[child.name] = told
-                logger.info("%s: %s", child.name, "  ".join(filter(None, told)))
-
-
-@contextmanager
-def _shown(supervisor: Supervisor) -> Iterator[_Shown]:
-    if not ERR.is_terminal:
-        yield _Shown(supervisor, None)
-        return
-    with Live(console=ERR, auto_refresh=False, transient=True) as live:
-        yield _Shown(supervisor, live)
-
-
-def table_of(supervisor: Supervisor) -> Table:
-    """Return how every process of a lab is."""
-    lab = supervisor.lab
-    table = Table(title=lab.name, title_justify="left", box=None, pad_edge=False)
-    for column in ("device", "namespace", "state"):
-        table.add_column(column, no_wrap=True)
-    for column in ("rate, Hz", "late", "refused", "CPU", "restarts"):
-        table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("")
-    for child in supervisor.children:
-        device = lab.devices.get(child.name)
-        place = "" if device is None else device.namespace
-        simulated = " (sim)" if device is not None and device.sim else ""
-        report = child.report
-        figures = ["", "", ""]
-        told = child.why
-        state = Text(child.phase, _PHASES[child.phase])
-        if child.phase is Phase.RUNNING and child.reports:
-            state = Text("starting", "yellow")
-            if report is not None:
-                state = Text(report.state, STATE_STYLES[OperatingState(report.state)])
-                figures = [f"{report.rate:.0f}/{report.expected:.0f}", str(report.late)]
-                figures.append(str(report.refused))
-                told = report.cause or report.last_refusal
-        cpu = f"{100.0 * child.cpu:.0f} %" if child.process is not None else ""
-        restarts = str(child.restarts) if child.restarts else ""
-        name = Text.assemble((child.name, "bold cyan"), (simulated, "dim"))
-        table.add_row(
-            name, place, state, *figures, cpu, restarts, Text(worded(told), overflow="ellipsis")
-        )
-    return table
-
-
-def check_lab(path: Path, sim: bool) -> int:
+def check_lab(path: Path, sim: bool, machine: str = "") -> int:
     """Check a lab file, print what would be started, and return 0.
+
+    On a machine that is none of the lab's the settings of all devices are checked, and nothing that is
+    installed.
+
+    Args:
+        path: of the file.
+        sim: simulate every device.
+        machine: which machine of the lab this is; empty: by its host name.
 
     Raises:
         ConfigError: with what is wrong, and the line.
     """
-    lab = load_lab(path, sim=sim)
-    require_libraries(lab)
-    require_commands(lab)
+    checked = "settings, libraries and commands are checked"
+    try:
+        lab = load_lab(path, sim=sim, machine=machine)
+    except NoMachineOfLab as error:
+        ERR.print(f"{error.message}: the settings of all of them are checked", soft_wrap=True)
+        lab = load_lab(path, sim=sim, machine=ALL_MACHINES)
+        checked = "settings are checked; libraries and commands are on the machines of the lab"
+    else:
+        require_libraries(lab)
+        require_commands(lab)
     check_bounds(lab, QUANTITIES)
     OUT.print(_plan(lab))
     if lab.environment:
         OUT.print(f"\nenvironment: {assignments(lab.environment)}", markup=False, highlight=False)
-    OUT.print(
-        f"\n{plain(str(path))} can be used: settings, libraries and commands are checked, nothing was started"
-    )
+    for doubt in doubts_between(lab, merged(os.environ, lab.environment)):
+        OUT.print(Text(f"\n{doubt}", "yellow"), soft_wrap=True)
+    OUT.print(f"\n{plain(str(path))} can be used: {checked}, nothing was started")
+    if lab.left_out:
+        OUT.print(f"To be checked there: {lab.left_out}", markup=False, highlight=False)
     return 0
 
 
 def _plan(lab: Lab) -> Table:
     table = Table(title=lab.name, title_justify="left", box=None, pad_edge=False)
-    for column in ("", "driver", "namespace", "at", "after"):
+    is_on_several = len(lab.machines) > 1
+    for column in (
+        "",
+        *(("machine",) if is_on_several else ()),
+        "driver",
+        "namespace",
+        "at",
+        "after",
+    ):
         table.add_column(column)
+    for name, machine, *words in _planned(lab):
+        told = (machine, *words) if is_on_several else words
+        table.add_row(Text(name, "bold cyan"), *map(Text, told))
+    return table
+
+
+def _planned(lab: Lab) -> Iterator[tuple[str, ...]]:
+    """Yield name, machine, driver or command, namespace, address, and what comes before, of each process."""
     for device in lab.devices.values():
         at = "a simulator" if device.sim else device.address
-        name = Text(device.name, "bold cyan")
-        words = (device.plugin.name, device.namespace, at, ", ".join(device.after))
-        table.add_row(name, *map(Text, words))
+        after = ", ".join(device.after)
+        yield device.name, device.machine, device.plugin.name, device.namespace, at, after
+    for other in lab.elsewhere.values():
+        yield other.name, other.machine, other.plugin, other.namespace, "", ""
     for program in lab.programs.values():
-        name = Text(program.name, "bold cyan")
-        words = (" ".join(program.command), "", "", ", ".join(program.after))
-        table.add_row(name, *map(Text, words))
-    return table
+        command, after = " ".join(program.command), ", ".join(program.after)
+        yield program.name, program.machine, command, "", "", after
+    for name, entry in lab.settings.programs.items():
+        if name not in lab.programs:
+            yield name, entry.machine or lab.settings.machine, " ".join(entry.command), "", "", ""
 
 
 def write_lab(path: Path, places: tuple[str, ...] | None = None) -> int:

@@ -30,7 +30,7 @@ __all__ = [
     "cpu_seconds",
     "how_it_ended",
     "send",
-    "started",
+    "start_process",
 ]
 
 FIRST_DELAY: Final = 1.0
@@ -196,7 +196,7 @@ class Observer(Child):
         return found if time.monotonic() - heard < SILENCE else None
 
 
-def started(
+def start_process(
     command: Sequence[str],
     log: int,
     folder: Path,

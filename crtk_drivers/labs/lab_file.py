@@ -66,6 +66,7 @@ __all__ = [
     "LabProgram",
     "LabSettings",
     "load_lab",
+    "require_devices",
 ]
 
 
@@ -168,6 +169,20 @@ class Lab:
             f"{', '.join(name for name, other in self.elsewhere.items() if other.machine == machine)} "
             f"on {machine}"
             for machine in machines
+        )
+
+
+def require_devices(lab: Lab) -> None:
+    """Refuse the share of a machine that has no device.
+
+    Raises:
+        ConfigError: it has none.
+    """
+    if not lab.devices:
+        raise ConfigError(
+            f"{lab.machine} starts no device of this lab; others start {lab.left_out}",
+            where=str(lab.path),
+            remedy=f"Do this there; or with --machine {ALL_MACHINES}, for the whole lab on this machine.",
         )
 
 

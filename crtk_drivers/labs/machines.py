@@ -14,7 +14,7 @@ from crtk_drivers.config import Layer
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs.lab_entries import ALL_MACHINES, LabSettings
 
-__all__ = ["Elsewhere", "Shares", "is_called", "named_machine", "shares_of"]
+__all__ = ["Elsewhere", "NoMachineOfLab", "Shares", "is_called", "named_machine", "shares_of"]
 
 Owner = tuple[str, str]
 """``devices`` or ``programs``, and a name."""
@@ -52,6 +52,10 @@ class Shares:
     def is_of(self, owner: Owner, machine: str) -> bool:
         """Whether a machine starts a device or program; empty or `ALL_MACHINES`: every machine does."""
         return machine in ("", ALL_MACHINES) or self.owners.get(owner, machine) == machine
+
+
+class NoMachineOfLab(ConfigError):
+    """The machine that this is does not start anything of the lab, by its host name."""
 
 
 def shares_of(settings: LabSettings, lab: Layer) -> Shares:
@@ -100,7 +104,8 @@ def named_machine(shares: Shares, given: str = "") -> str:
         given: a name that was typed, or `ALL_MACHINES`; empty: go by the host name.
 
     Raises:
-        ConfigError: this machine, or the one that was typed, is not in the lab file.
+        NoMachineOfLab: this machine is not in the lab file.
+        ConfigError: the one that was typed is not.
     """
     if not shares.machines:
         if given in ("", ALL_MACHINES):
@@ -125,7 +130,7 @@ def named_machine(shares: Shares, given: str = "") -> str:
             where="--machine",
             remedy=f"There is: {names}; or {ALL_MACHINES}, for the whole lab on this one.",
         )
-    raise ConfigError(
+    raise NoMachineOfLab(
         f"this machine is called {host!r}, and the lab file names {names}",
         remedy=f"Say which of them this one is, --machine {shares.machines[0]}; or --machine {ALL_MACHINES}, "
         "for the whole lab on this one.",

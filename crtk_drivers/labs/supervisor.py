@@ -31,7 +31,7 @@ from crtk_drivers.labs.child import (
     cpu_seconds,
     how_it_ended,
     send,
-    started,
+    start_process,
 )
 from crtk_drivers.labs.invocation import device_command, settings_text
 from crtk_drivers.labs.lab_file import Lab
@@ -274,9 +274,9 @@ class Supervisor:
                 with theirs:
                     files = (writing, theirs.fileno())
                     environment |= {REPORT_FD: str(writing), PULSE_FD: str(theirs.fileno())}
-                    child.process = started(child.command, log, folder, environment, files)
+                    child.process = start_process(child.command, log, folder, environment, files)
             else:
-                child.process = started(child.command, log, folder, environment, ())
+                child.process = start_process(child.command, log, folder, environment, ())
         except (OSError, ValueError) as error:
             if reading >= 0:
                 os.close(reading)

@@ -149,6 +149,18 @@ def test_a_session_has_the_environment_of_the_lab(session: Session, tmp_path: Pa
     assert said.returncode == 0, said.stdout
 
 
+def test_a_session_tests_the_devices_of_its_machine(session: Session, tmp_path: Path) -> None:
+    other = '[devices.camera]\nplugin = "of-tracking"\nmachine = "tracking"\n'
+    (tmp_path / "lab.toml").write_text('machine = "control"\n' + GANTRY + other)
+    tests = "def test_it(lab):\n    assert lab.gantry.state == 'DISABLED'\n"
+    said = session(tests, "--lab-machine", "control")
+    assert said.returncode == 0, said.stdout
+    assert "left out of the lab: camera on tracking" in said.stdout
+    said = session(tests, "--lab-machine", "laptop")
+    assert said.returncode == 4
+    assert "--lab-machine: there is no machine 'laptop' in the lab file" in said.stderr
+
+
 def test_verdicts_are_those_of_the_bench_and_kept_as_such(session: Session, tmp_path: Path) -> None:
     (tmp_path / "lab.toml").write_text(LAB)
     said = session(VERDICTS, "-v")

@@ -61,6 +61,11 @@ class ExecuteProcess:
 
 
 @dataclass
+class LogInfo:
+    msg: str
+
+
+@dataclass
 class LaunchConfiguration:
     name: str
 
@@ -73,7 +78,7 @@ def launch(monkeypatch):
     package = ModuleType("launch")
     package.LaunchDescription = LaunchDescription
     actions, substitutions = ModuleType("launch.actions"), ModuleType("launch.substitutions")
-    for action in (DeclareLaunchArgument, OpaqueFunction, ExecuteProcess):
+    for action in (DeclareLaunchArgument, OpaqueFunction, ExecuteProcess, LogInfo):
         setattr(actions, action.__name__, action)
     substitutions.LaunchConfiguration = LaunchConfiguration
     for module in (package, actions, substitutions):
@@ -121,6 +126,16 @@ def test_environment_and_enclaves_are_those_of_the_lab(launch, lab):
         assert process.additional_env == {"ROS_DOMAIN_ID": "42", "ROS_SECURITY_ENABLE": "true"}
     assert processes[0].cmd[-3:] == ["--ros-args", "--enclave", "/arm/crtk_driver"]
     assert "--enclave" not in processes[-1].cmd, "a program says so itself"
+
+
+def test_a_machine_starts_its_share(launch, lab):
+    text = lab.read_text().replace(
+        'plugin = "ati-netft"', 'plugin = "of-tracking"\nmachine = "tracking"'
+    )
+    lab.write_text('machine = "control"\n' + text)
+    told, *processes = started(lab=str(lab), machine="control")
+    assert told == LogInfo("left out: ft on tracking")
+    assert [process.name for process in processes] == ["arm", "teleop"]
 
 
 def test_it_is_read_without_launch():

@@ -87,6 +87,16 @@ def test_order_and_belonging(lab):
     assert arm["After"] == "network-online.target"
 
 
+def test_units_are_those_of_a_machine(lab):
+    text = lab.read_text().replace("[devices.arm]", '[devices.arm]\nmachine = "control"')
+    lab.write_text('machine = "tracking"\n' + text)
+    texts = units_of(load_lab(lab, machine="tracking"), lab.parent)
+    assert Unit(texts["crtk-bench-ft.service"])["Unit"]["After"] == "network-online.target"
+    services = Unit(texts["crtk-bench.target"])["Unit"]["Wants"].split()
+    assert services == sorted(name for name in texts if name.endswith(".service"))
+    assert not any("arm" in name for name in texts)
+
+
 def test_only_one_with_a_serial_line_reaches_it(lab):
     texts = units_of(load_lab(lab), lab.parent)
     with_groups = [name for name, text in texts.items() if "SupplementaryGroups=dialout" in text]

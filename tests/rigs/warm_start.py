@@ -498,8 +498,8 @@ def start_by(warm: WarmStart) -> None:
         if module in sys.modules:
             sys.modules[module]._start = start  # type: ignore[attr-defined]
     if supervisor := sys.modules.get("crtk_drivers.labs.supervisor"):
-        started = supervisor._start
-        supervisor._start = partial(warm.start_command, started)  # type: ignore[attr-defined]
+        started = supervisor.start_process
+        supervisor.start_process = partial(warm.start_command, started)  # type: ignore[attr-defined]
 
 
 def parent_of(parent: int, otherwise: int) -> int:

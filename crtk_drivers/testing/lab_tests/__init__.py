@@ -24,6 +24,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption("--lab-sim", action="store_true", help="Simulate all of them.")
     group.addoption(
+        "--lab-machine",
+        metavar="NAME",
+        default="",
+        help="Test the devices of this machine of the lab; all: of all. Default: by host name.",
+    )
+    group.addoption(
         "--may-move",
         action="store_true",
         help="Real devices may be enabled and moved, within their `space`. Stand beside them.",

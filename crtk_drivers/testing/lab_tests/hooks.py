@@ -16,6 +16,7 @@ from crtk_drivers.labs.bench.bounds import check_bounds
 from crtk_drivers.labs.bench.catalogue import QUANTITIES
 from crtk_drivers.labs.bench.folder import default_folder
 from crtk_drivers.labs.lab_commands import require_commands
+from crtk_drivers.labs.lab_file import require_devices
 from crtk_drivers.labs.verdicts.judging import Findings, Verdict
 from crtk_drivers.ros import environment
 from crtk_drivers.testing.lab_tests import FILE
@@ -34,6 +35,8 @@ _REFUSED: Final = (
 """Options of other plugins, what of them is no matter, and what they would do."""
 
 _REFUSED_MARKS: Final = ("flaky", "repeat")
+
+_MACHINE: Final = "--lab-machine"
 
 _FIXTURES: Final = ("lab", "measure")
 
@@ -55,17 +58,23 @@ def begun(config: pytest.Config) -> LabHooks:
     if hasattr(config, "workerinput"):
         raise pytest.UsageError("the devices of a lab are not tested in a worker of pytest-xdist")
     try:
-        lab = load_lab(config.getoption(FILE), sim=config.getoption("--lab-sim"))
+        lab = load_lab(
+            config.getoption(FILE),
+            sim=config.getoption("--lab-sim"),
+            machine=config.getoption(_MACHINE),
+        )
+        require_devices(lab)
         require_commands(lab, programs=False)
         check_bounds(lab, QUANTITIES)
         environment.adopt(lab.environment)  # for drivers, simulators and clients
     except CrtkError as error:
-        raise pytest.UsageError(str(error)) from error
+        said = str(error).replace("--machine", _MACHINE)
+        raise pytest.UsageError(said) from error
     out = config.getoption("--lab-out")
     folder = Path(out) if out else default_folder(lab)
     session = LabSession(lab, folder, config.getoption("--may-move"))
     config.stash[SESSION] = session
-    return LabHooks(session)
+    return LabHooks(session, lab.left_out)
 
 
 class LabHooks:
@@ -73,12 +82,18 @@ class LabHooks:
 
     Args:
         session: of it.
+        left_out: devices of other machines, in words.
     """
 
-    def __init__(self, session: LabSession) -> None:
+    def __init__(self, session: LabSession, left_out: str) -> None:
         self._session = session
+        self._left_out = left_out
         self._verdicts: list[tuple[str, Findings]] = []
         self._seen: set[str] = set()
+
+    def pytest_report_header(self) -> list[str]:
+        """Name the devices of the lab that are not tested."""
+        return [f"left out of the lab: {self._left_out}"] if self._left_out else []
 
     # ----------------------------------------------------------------------------------- order
 

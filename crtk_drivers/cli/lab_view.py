@@ -1,0 +1,186 @@
+"""What `crtk-driver up` shows of a running lab: a table on a terminal, else log records."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Final
+
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
+from crtk_drivers.cli.terminal import ERR
+from crtk_drivers.errors.wording import worded
+from crtk_drivers.labs.child import Child, Phase
+from crtk_drivers.labs.machines import Elsewhere
+from crtk_drivers.labs.seen import Seen
+from crtk_drivers.labs.supervisor import Supervisor
+
+__all__ = ["ShownLab", "shown", "table_of"]
+
+_PHASES: Final = {
+    Phase.WAITING: "yellow",
+    Phase.RUNNING: "",
+    Phase.RESTARTING: "bold red",
+    Phase.STOPPING: "yellow",
+    Phase.ENDED: "dim",
+}
+
+_STATES: Final[Mapping[str, str]] = {str(state): style for state, style in STATE_STYLES.items()}
+"""What another machine says may be none of them: it may have another version."""
+
+_SECONDS_FROM: Final = 10.0
+"""Seconds between two clocks from which they are told in seconds, not in milliseconds."""
+
+logger = logging.getLogger(__name__)
+
+
+class ShownLab:
+    """Shows a running lab each time it is called.
+
+    Args:
+        supervisor: of the lab.
+        live: the table on a terminal; None: what changes is logged.
+    """
+
+    def __init__(self, supervisor: Supervisor, live: Live | None) -> None:
+        self._supervisor = supervisor
+        self._live = live
+        self._due = 0.0
+        self._told: dict[str, tuple[str, ...]] = {}
+        self._warned: set[str] = set()
+
+    def __call__(self) -> None:
+        """Show how it is now."""
+        if self._live is None:
+            self._log_devices()
+            self._log_others()
+        elif time.monotonic() >= self._due:
+            self._due = time.monotonic() + LIVE_PERIOD
+            try:
+                self._live.update(table_of(self._supervisor), refresh=True)
+            except OSError as error:  # what was started is stopped in its order all the same
+                logger.error("the terminal is gone: %s", error.strerror)
+                self._live = None
+
+    def _log_devices(self) -> None:
+        for child in self._supervisor.devices.values():
+            if child.report is not None:
+                self._log(child.name, child.name, child.report.state, child.report.cause)
+
+    def _log_others(self) -> None:
+        observer = self._supervisor.observer
+        for name, other in self._supervisor.lab.elsewhere.items():
+            seen = None if observer is None else observer.seen(name)
+            if seen is None and name not in self._told:
+                continue
+            self._log(name, f"{name} on {other.machine}", *_words(seen))
+            if seen is not None and seen.has_other_time and other.machine not in self._warned:
+                self._warned.add(other.machine)
+                logger.warning(
+                    "the clock of %s is not that of this machine (%s), and so are the stamps of its devices. "
+                    "Synchronize both, as by chrony",
+                    other.machine,
+                    _offset(seen),
+                )
+
+    def _log(self, name: str, called: str, *words: str) -> None:
+        if self._told.get(name) != words:
+            self._told[name] = words
+            logger.info("%s: %s", called, "  ".join(filter(None, words)))
+
+
+@contextmanager
+def shown(supervisor: Supervisor) -> Iterator[ShownLab]:
+    """Yield what shows a lab: on a terminal as a live table, else in the log."""
+    if not ERR.is_terminal:
+        yield ShownLab(supervisor, None)
+        return
+    with Live(console=ERR, auto_refresh=False, transient=True) as live:
+        yield ShownLab(supervisor, live)
+
+
+def table_of(supervisor: Supervisor) -> Table:
+    """Return how every process of a lab is, and the devices of other machines as they are seen on ROS."""
+    lab = supervisor.lab
+    table = Table(title=lab.name, title_justify="left", box=None, pad_edge=False)
+    for column in ("device", *(("machine",) if lab.elsewhere else ()), "namespace", "state"):
+        table.add_column(column, no_wrap=True)
+    for column in ("rate, Hz", "late", "refused", "CPU", "restarts"):
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("")
+    machine = [Text(lab.machine, "dim")] if lab.elsewhere else []
+    for child in supervisor.children:
+        first, *others = _row(supervisor, child)
+        table.add_row(first, *machine, *others)
+    for other in lab.elsewhere.values():
+        table.add_row(*_row_elsewhere(supervisor, other))
+    return table
+
+
+def _row(supervisor: Supervisor, child: Child) -> Iterator[Text | str]:
+    device = supervisor.lab.devices.get(child.name) if child.is_device else None
+    simulated = " (sim)" if device is not None and device.sim else ""
+    report = child.report
+    figures = ["", "", ""]
+    told = child.why
+    state = Text(child.phase, _PHASES[child.phase])
+    if child.phase is Phase.RUNNING and child.reports:
+        state = Text("starting", "yellow")
+        if report is not None:
+            state = Text(report.state, _STATES.get(report.state, ""))
+            figures = [f"{report.rate:.0f}/{report.expected:.0f}", str(report.late)]
+            figures.append(str(report.refused))
+            told = report.cause or report.last_refusal
+    yield Text.assemble((child.name, "bold cyan"), (simulated, "dim"))
+    yield "" if device is None else device.namespace
+    yield state
+    yield from figures
+    yield f"{100.0 * child.cpu:.0f} %" if child.process is not None else ""
+    yield str(child.restarts) if child.restarts else ""
+    yield _told(told)
+
+
+def _row_elsewhere(supervisor: Supervisor, other: Elsewhere) -> Iterator[Text | str]:
+    observer = supervisor.observer
+    seen = None if observer is None else observer.seen(other.name)
+    state, *words = _words(seen)
+    style = "yellow"
+    if seen is None:
+        words.append("" if observer is None else observer.why)
+    elif seen.seen:
+        style = _STATES.get(seen.state, "")
+    elif seen.ago is not None:
+        state, style = f"{state} for {seen.ago:.0f} s", "bold red"
+    if seen is not None and seen.has_other_time:
+        words.append(_offset(seen))
+    yield Text(other.name, "cyan")
+    yield Text(other.machine)
+    yield other.namespace
+    yield Text(state, style)
+    yield from [""] * 5
+    yield _told("  ".join(filter(None, words)))
+
+
+def _told(text: str) -> Text:
+    return Text(worded(text), overflow="ellipsis")
+
+
+def _words(seen: Seen | None) -> tuple[str, ...]:
+    """Return how a device of another machine is, the state first; what runs on, as a time, is not in it."""
+    if seen is None:
+        return ("not known",)
+    if not seen.seen:
+        return ("not seen yet" if seen.ago is None else "not seen",)
+    return (seen.state, "" if seen.measures else "does not measure", seen.cause)
+
+
+def _offset(seen: Seen) -> str:
+    offset = seen.offset or 0.0
+    if abs(offset) < _SECONDS_FROM:
+        return f"clock {1e3 * offset:+.0f} ms"
+    return f"clock {offset:+.0f} s"

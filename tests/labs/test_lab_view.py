@@ -1,0 +1,87 @@
+"""What `crtk-driver up` shows of devices on other machines."""
+
+import logging
+from types import SimpleNamespace
+
+import pytest
+from rich.console import Console
+
+from crtk_drivers.cli.lab_view import ShownLab, table_of
+from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.seen import Seen
+from crtk_drivers.labs.supervisor import Supervisor
+
+TWO = """
+name = "pair"
+machine = "control"
+[devices.arm]
+plugin = "loopback"
+[devices.camera]
+plugin = "of-tracking"
+machine = "tracking"
+"""
+IDLE = Seen("camera", True, "DISABLED", measures=True, offset=0.001, uncertainty=0.0003)
+AHEAD = Seen("camera", True, "ENABLED", measures=True, offset=0.0124, uncertainty=0.0003)
+
+
+@pytest.fixture
+def lab(tmp_path):
+    """Of the machine control: its supervisor, and what sets how the device elsewhere is seen."""
+    path = tmp_path / "lab.toml"
+    path.write_text(TWO)
+    supervisor = Supervisor(load_lab(path, machine="control"), tmp_path / "logs")
+    observer = SimpleNamespace(seen=lambda name: None, why="ended by SIGKILL")
+    supervisor.observer = observer
+
+    def see(seen):
+        observer.seen = {"camera": seen}.get
+
+    return supervisor, see
+
+
+@pytest.mark.parametrize(
+    ("seen", "words"),
+    [
+        (None, "not known ended by SIGKILL"),
+        (Seen("camera", False), "not seen yet"),
+        (Seen("camera", False, ago=12.4), "not seen for 12 s"),
+        (IDLE, "DISABLED"),
+        (
+            Seen("camera", True, "FAULT", "no link", offset=1.0),
+            "FAULT does not measure no link clock +1000 ms",
+        ),
+        (Seen("camera", True, "of-another-version", measures=True), "of-another-version"),
+        (AHEAD, "ENABLED clock +12 ms"),
+        (Seen("camera", True, "ENABLED", measures=True, offset=-3600.0), "ENABLED clock -3600 s"),
+    ],
+)
+def test_a_device_of_another_machine_has_its_row(lab, seen, words):
+    supervisor, see = lab
+    see(seen)
+    console = Console(width=200)
+    with console.capture() as said:
+        console.print(table_of(supervisor))
+    rows = [" ".join(line.split()) for line in said.get().splitlines()]
+    assert rows[1].startswith("device machine namespace state")
+    assert rows[2] == "arm control /arm waiting"
+    assert rows[3] == f"camera tracking /camera {words}"
+
+
+def test_a_change_elsewhere_is_logged_once(lab, caplog):
+    caplog.set_level(logging.INFO)
+    supervisor, see = lab
+    show = ShownLab(supervisor, None)
+    for seen in (None, Seen("camera", False), Seen("camera", False), IDLE, IDLE, AHEAD, AHEAD):
+        see(seen)
+        show()
+    for ago in (1.0, 2.0):
+        see(Seen("camera", False, ago=ago))
+        show()
+    assert caplog.messages[:2] == [
+        "camera on tracking: not seen yet",
+        "camera on tracking: DISABLED",
+    ]
+    warning = caplog.messages[3]
+    assert warning.startswith("the clock of tracking is not that of this machine (clock +12 ms)")
+    assert caplog.messages[2::2] == ["camera on tracking: ENABLED", "camera on tracking: not seen"]
+    assert len(caplog.messages) == 5
