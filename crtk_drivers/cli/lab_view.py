@@ -74,8 +74,10 @@ class ShownLab:
 
     def _log_others(self) -> None:
         observer = self._supervisor.observer
+        if observer is None or observer.phase is Phase.ENDED:
+            return
         for name, other in self._supervisor.lab.elsewhere.items():
-            seen = None if observer is None else observer.seen(name)
+            seen = observer.seen(name)
             if seen is None and name not in self._told:
                 continue
             self._log(name, f"{name} on {other.machine}", *_words(seen))
@@ -176,7 +178,7 @@ def _words(seen: Seen | None) -> tuple[str, ...]:
         return ("not known",)
     if not seen.seen:
         return ("not seen yet" if seen.ago is None else "not seen",)
-    return (seen.state, "" if seen.measures else "does not measure", seen.cause)
+    return (seen.state or "seen", "" if seen.measures else "does not measure", seen.cause)
 
 
 def _offset(seen: Seen) -> str:

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from crtk_drivers.cli.lab_view import ShownLab, table_of
 from crtk_drivers.labs import load_lab
+from crtk_drivers.labs.child import Phase
 from crtk_drivers.labs.seen import Seen
 from crtk_drivers.labs.supervisor import Supervisor
 
@@ -30,7 +31,7 @@ def lab(tmp_path):
     path = tmp_path / "lab.toml"
     path.write_text(TWO)
     supervisor = Supervisor(load_lab(path, machine="control"), tmp_path / "logs")
-    observer = SimpleNamespace(seen=lambda name: None, why="ended by SIGKILL")
+    observer = SimpleNamespace(seen=lambda name: None, why="ended by SIGKILL", phase=Phase.RUNNING)
     supervisor.observer = observer
 
     def see(seen):
@@ -45,6 +46,7 @@ def lab(tmp_path):
         (None, "not known ended by SIGKILL"),
         (Seen("camera", False), "not seen yet"),
         (Seen("camera", False, ago=12.4), "not seen for 12 s"),
+        (Seen("camera", True), "seen does not measure"),
         (IDLE, "DISABLED"),
         (
             Seen("camera", True, "FAULT", "no link", offset=1.0),
@@ -85,3 +87,7 @@ def test_a_change_elsewhere_is_logged_once(lab, caplog):
     assert warning.startswith("the clock of tracking is not that of this machine (clock +12 ms)")
     assert caplog.messages[2::2] == ["camera on tracking: ENABLED", "camera on tracking: not seen"]
     assert len(caplog.messages) == 5
+    supervisor.observer.phase = Phase.ENDED
+    see(None)
+    show()
+    assert len(caplog.messages) == 5, "its end is no news of the device"
