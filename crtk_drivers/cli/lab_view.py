@@ -16,9 +16,9 @@ from crtk_drivers.cli.status_line import LIVE_PERIOD, STATE_STYLES
 from crtk_drivers.cli.terminal import ERR
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.labs.child import Child, Phase
-from crtk_drivers.labs.machines import Elsewhere
 from crtk_drivers.labs.seen import Seen
 from crtk_drivers.labs.supervisor import Supervisor
+from crtk_drivers.state import OperatingState
 
 __all__ = ["ShownLab", "shown", "table_of"]
 
@@ -109,18 +109,18 @@ def shown(supervisor: Supervisor) -> Iterator[ShownLab]:
 def table_of(supervisor: Supervisor) -> Table:
     """Return how every process of a lab is, and the devices of other machines as they are seen on ROS."""
     lab = supervisor.lab
-    table = Table(title=lab.name, title_justify="left", box=None, pad_edge=False)
-    for column in ("device", *(("machine",) if lab.elsewhere else ()), "namespace", "state"):
+    title = f"{lab.name} on {lab.machine}" if lab.elsewhere else lab.name
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for column in ("device", "namespace", "state"):
         table.add_column(column, no_wrap=True)
     for column in ("rate, Hz", "late", "refused", "CPU", "restarts"):
         table.add_column(column, justify="right", no_wrap=True)
     table.add_column("")
-    machine = [Text(lab.machine, "dim")] if lab.elsewhere else []
     for child in supervisor.children:
-        first, *others = _row(supervisor, child)
-        table.add_row(first, *machine, *others)
-    for other in lab.elsewhere.values():
-        table.add_row(*_row_elsewhere(supervisor, other))
+        table.add_row(*_row(supervisor, child))
+    for machine in dict.fromkeys(other.machine for other in lab.elsewhere.values()):
+        for row in _rows_of(supervisor, machine):
+            table.add_row(*row)
     return table
 
 
@@ -147,25 +147,29 @@ def _row(supervisor: Supervisor, child: Child) -> Iterator[Text | str]:
     yield _told(told)
 
 
-def _row_elsewhere(supervisor: Supervisor, other: Elsewhere) -> Iterator[Text | str]:
+def _rows_of(supervisor: Supervisor, machine: str) -> Iterator[tuple[Text, ...]]:
+    """Yield a heading with the clock of another machine, if that is off, and then each of its devices."""
     observer = supervisor.observer
-    seen = None if observer is None else observer.seen(other.name)
-    state, *words = _words(seen)
-    style = "yellow"
-    if seen is None:
-        words.append("" if observer is None else observer.why)
-    elif seen.seen:
-        style = _STATES.get(seen.state, "")
-    elif seen.ago is not None:
-        state, style = f"{state} for {seen.ago:.0f} s", "bold red"
-    if seen is not None and seen.has_other_time:
-        words.append(_offset(seen))
-    yield Text(other.name, "cyan")
-    yield Text(other.machine)
-    yield other.namespace
-    yield Text(state, style)
-    yield from [""] * 5
-    yield _told("  ".join(filter(None, words)))
+    devices = [each for each in supervisor.lab.elsewhere.values() if each.machine == machine]
+    seen = {each.name: None if observer is None else observer.seen(each.name) for each in devices}
+    clocks = (_offset(each) for each in seen.values() if each is not None and each.has_other_time)
+    yield Text(f"on {machine}", "dim"), Text(next(clocks, ""), "yellow")
+    for other in devices:
+        state, *words = _words(seen[other.name])
+        if seen[other.name] is None and observer is not None:
+            words.append(observer.why)
+        told = _told("  ".join(filter(None, words)))
+        name = Text(other.name, "bold cyan")
+        yield name, Text(other.namespace), _state(state, seen[other.name]), *[Text()] * 5, told
+
+
+def _state(state: str, seen: Seen | None) -> Text:
+    """Return the state of a device of another machine, and since when it is not seen."""
+    if seen is None or (not seen.seen and seen.ago is None):
+        return Text(state, "yellow")
+    if not seen.seen:
+        return Text(f"{state} for {seen.ago:.0f} s", "bold red")
+    return Text(state, _STATES.get(state, ""))
 
 
 def _told(text: str) -> Text:
@@ -178,7 +182,8 @@ def _words(seen: Seen | None) -> tuple[str, ...]:
         return ("not known",)
     if not seen.seen:
         return ("not seen yet" if seen.ago is None else "not seen",)
-    return (seen.state or "seen", "" if seen.measures else "does not measure", seen.cause)
+    is_told = seen.measures or seen.state == OperatingState.FAULT  # which has a cause of its own
+    return (seen.state or "seen", "" if is_told else "does not measure", seen.cause)
 
 
 def _offset(seen: Seen) -> str:
