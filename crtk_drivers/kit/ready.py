@@ -1,16 +1,18 @@
-"""Wait for a file descriptor: by a deadline, and no longer than the program lets a device be opened."""
+"""Wait for a file descriptor or a connection, no longer than the program lets a device be opened."""
 
 from __future__ import annotations
 
 import errno
+import os
 import select
+import socket
 import time
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 from crtk_drivers.device.giving_up import GIVEN_UP, is_given_up
 
-__all__ = ["is_ready"]
+__all__ = ["await_connection", "is_ready"]
 
 _PIECE: Final = 0.05
 """Seconds after which a wait looks whether it is given up."""
@@ -40,3 +42,25 @@ def is_ready(
         if left <= 0.0:
             return False
     raise OSError(errno.ECANCELED, GIVEN_UP)
+
+
+def await_connection(peer: socket.socket, address: Any, is_writable: Callable[[], bool]) -> None:
+    """Connect a socket, and wait until the other side has accepted. The socket blocks no more.
+
+    Args:
+        peer: the new socket, with its options.
+        address: as `socket.socket.connect` takes it.
+        is_writable: waits until the socket can be written to; returns False if it cannot in time.
+
+    Raises:
+        TimeoutError: no answer in time.
+        OSError: refused, no route, or given up.
+    """
+    peer.setblocking(False)
+    code = peer.connect_ex(address)
+    if code == errno.EINPROGRESS:
+        if not is_writable():
+            raise TimeoutError(errno.ETIMEDOUT, "no connection in time")
+        code = peer.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+    if code:
+        raise OSError(code, os.strerror(code))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import select
 import socket
 import time
@@ -12,7 +11,7 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator
 
-from crtk_drivers.kit.ready import is_ready
+from crtk_drivers.kit.ready import await_connection, is_ready
 from crtk_drivers.kit.robot_ports import script_port
 
 __all__ = ["OPEN_TIMEOUT", "PortName", "ServerAddress", "connect", "parse_address"]
@@ -86,15 +85,8 @@ def connect(address: ServerAddress, timeout: float = OPEN_TIMEOUT) -> socket.soc
 
 
 def _connect(made: socket.socket, place: Any, deadline: float) -> None:
-    made.setblocking(False)
-    code = made.connect_ex(place)
-    if code == errno.EINPROGRESS:
-        poll = select.poll()
-        poll.register(made, select.POLLOUT)
-        if not is_ready(poll, deadline):
-            raise TimeoutError(errno.ETIMEDOUT, "timed out")
-        code = made.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-    if code:
-        raise OSError(code, os.strerror(code))
+    poll = select.poll()
+    poll.register(made, select.POLLOUT)
+    await_connection(made, place, lambda: is_ready(poll, deadline))
     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * GIVE_UP))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import select
 import socket
 import time
@@ -13,7 +12,7 @@ from typing_extensions import override
 
 from crtk_drivers.device.giving_up import is_given_up
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost
-from crtk_drivers.kit.ready import is_ready
+from crtk_drivers.kit.ready import await_connection, is_ready
 from crtk_drivers.kit.robot_ports import script_port
 
 __all__ = ["ClosedByPeer", "TcpTransport", "UdpTransport"]
@@ -88,17 +87,10 @@ class _SocketTransport:
                 self.host, self.port, socket.AF_INET, self._kind
             )[0]
             self._socket = peer = socket.socket(family, kind, protocol)
-            peer.setblocking(False)
             if self._send_buffer:
                 peer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, self._send_buffer)
             self._prepare(peer)
-            code = peer.connect_ex(address)
-            if code == errno.EINPROGRESS:
-                if not self._wait(select.POLLOUT, deadline):
-                    raise TimeoutError(errno.ETIMEDOUT, "no connection in time")
-                code = peer.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-            if code:
-                raise OSError(code, os.strerror(code))
+            await_connection(peer, address, lambda: self._wait(select.POLLOUT, deadline))
         except OSError as error:
             self.close()
             raise ConnectionFailed(

@@ -25,7 +25,9 @@ from crtk_drivers.kit import (
     until,
 )
 from crtk_drivers.kit.serial_port import SerialPort
+from crtk_drivers.kit.serial_server import ServerAddress, connect
 from crtk_drivers.kit.waiting_steps import LATE_LOOKS
+from rigs.full_queue import full_queue
 from rigs.waiting import LONG
 
 
@@ -118,6 +120,14 @@ def test_nobody_there_is_told_with_a_way_out(listener):
         nobody.open(soon())
     assert caught.value.remedy == "Is the scale on?"
     assert not nobody.is_open
+
+
+def test_tcp_connection_nobody_takes_ends_by_deadline():
+    with full_queue() as (host, port):
+        with pytest.raises(ConnectionFailed, match="cannot connect: no connection in time"):
+            TcpTransport(host, port).open(time.monotonic() + 0.1)
+        with pytest.raises(TimeoutError, match="no connection in time"):
+            connect(ServerAddress(host, port), 0.1)
 
 
 def test_a_name_that_is_none_is_told():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack
 
 import pytest
 
@@ -15,6 +14,7 @@ from crtk_driver_ndi.link import NdiLink
 from crtk_drivers.errors import ConnectionFailed, TransitionFailed
 from crtk_drivers.state import OperatingState
 from crtk_sim_backends.process import RunningSim
+from rigs.full_queue import full_queue
 from rigs.ndi_bench import TRANSPORTS, NdiBench, configuration, ndi_bench, simulated
 from rigs.waiting import LONG, eventually
 
@@ -260,13 +260,8 @@ def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_shut_down_ends_a_connection_that_is_being_made() -> None:
-    """Nobody takes it: the queue of the listener is full."""
-    with socket.create_server(("127.0.0.1", 0), backlog=0) as full, ExitStack() as queue:
-        for _ in range(4):
-            waiting = queue.enter_context(socket.socket())
-            waiting.setblocking(False)
-            waiting.connect_ex(full.getsockname())
-        link = NdiLink(NdiConfig(host="127.0.0.1", tcp_port=full.getsockname()[1]))
+    with full_queue() as (host, port):
+        link = NdiLink(NdiConfig(host=host, tcp_port=port))
         failed: list[ConnectionFailed] = []
 
         def connect() -> None:

@@ -17,6 +17,7 @@ from crtk_driver_ur.rtde.stream import RtdeStream
 from crtk_driver_ur.rtde.variables import OPTIONAL_OUTPUTS, OUTPUTS
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_sim_backends.ur import SIM
+from rigs.full_queue import full_queue
 from rigs.waiting import LONG, eventually
 
 
@@ -221,6 +222,22 @@ def test_nobody_listens():
     with pytest.raises(ConnectionFailed, match=r"127\.0\.0\.1:1: cannot connect: .*refused"):
         stream.open(soon())
     stream.close()
+
+
+def test_connection_nobody_takes_ends_by_deadline():
+    with (
+        full_queue() as (host, port),
+        closing(RtdeStream(host, port=port)) as stream,
+        pytest.raises(ConnectionFailed, match="nothing answers at this address"),
+    ):
+        stream.open(soon(0.1))
+
+
+def test_close_ends_a_connection_being_made():
+    with full_queue() as (host, port), closing(RtdeStream(host, port=port)) as stream:
+        threading.Timer(0.05, stream.close).start()
+        with pytest.raises(ConnectionFailed, match="while connecting: the stream is closed"):
+            stream.open(soon())
 
 
 def test_name_that_cannot_be_resolved():

@@ -6,7 +6,6 @@ by the arrival of bytes: a repeated stamp is old data.
 
 from __future__ import annotations
 
-import errno
 import logging
 import math
 import os
@@ -37,6 +36,7 @@ from crtk_driver_ur.rtde.echoes import Echoes
 from crtk_driver_ur.rtde.state_sample import StateSample
 from crtk_driver_ur.rtde.variables import IN_USE, NOT_FOUND, OPTIONAL_OUTPUTS, OUTPUTS
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
+from crtk_drivers.kit.ready import await_connection
 
 __all__ = ["RTDE_PORT", "RtdeStream", "StreamCounters"]
 
@@ -262,28 +262,29 @@ class RtdeStream:
                 remedy="Give the controller's IP address (teach pendant: Settings, System, Network).",
             ) from error
         family, kind, protocol, _, address = found[0]
-        peer = socket.socket(family, kind | socket.SOCK_NONBLOCK, protocol)
+        peer = socket.socket(family, kind, protocol)
         self._socket = peer
         peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._poll = select.poll()
         self._poll.register(self._wake, select.POLLIN)
         self._poll.register(peer, 0)
-        result = peer.connect_ex(address)
-        if result == errno.EINPROGRESS:
-            if not self._wait(select.POLLOUT, deadline):
-                raise ConnectionFailed(
-                    "nothing answers at this address",
-                    where=self._where,
-                    remedy="Check that the controller is on, the cable and the address (ping it).",
-                )
-            result = peer.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-        if result:
+        try:
+            await_connection(peer, address, lambda: self._wait(select.POLLOUT, deadline))
+        except ConnectionLost:
+            raise  # closed by another thread
+        except TimeoutError as error:
             raise ConnectionFailed(
-                f"cannot connect: {os.strerror(result)}",
+                "nothing answers at this address",
+                where=self._where,
+                remedy="Check that the controller is on, the cable and the address (ping it).",
+            ) from error
+        except OSError as error:
+            raise ConnectionFailed(
+                f"cannot connect: {error.strerror}",
                 where=self._where,
                 remedy="Check the address, and that the controller has finished starting; "
                 "PolyScope 5 can switch RTDE off under Settings, Security, Services.",
-            )
+            ) from error
 
     def _negotiate(self, deadline: float) -> None:
         if self._wanted_protocol > 1:
