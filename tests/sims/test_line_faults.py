@@ -215,6 +215,14 @@ def test_fault_no_answer(server, control, kind):
         assert client.take(2) == b"b\n"
 
 
+def test_no_answer_spares_earlier_clients(server, control, client):
+    control.inject("no_answer", port=client.kind)
+    client.write(b"a\n")
+    assert client.take(2) == b"a\n"
+    server.send(client.kind, b"unasked\n")
+    assert client.take(8) == b"unasked\n"
+
+
 def test_a_fault_of_one_line_is_none_of_another(server, control, client):
     others = [kind for kind in KINDS if kind != client.kind]
     control.inject("drop", port=client.kind)

@@ -10,10 +10,9 @@ from typing import Final
 
 from typing_extensions import override
 
-from crtk_sim_backends.inputs.panel import Daemon, Panel
+from crtk_sim_backends.inputs.panel import Daemon, EventClient, Panel
 from crtk_sim_backends.kit import (
     LoopServer,
-    Mute,
     Options,
     RunningSim,
     Simulator,
@@ -57,7 +56,7 @@ class InputsSimulator(Simulator[SimConfig, LoopServer]):
             parent_fd,
             panel,
             title="Pedals, joystick, mouse",
-            ttys={"evdev": Mute, "js": Mute},
+            ttys={"evdev": EventClient, "js": EventClient},
             sockets={"spacenavd": lambda: Daemon(panel, config.protocol)},
             gauges=panel.gauges,
         )

@@ -151,6 +151,19 @@ class Panel:
         return [{"title": "Mouse", "unit": "counts", "rate": "", "digits": 0, "gauges": shown}]
 
 
+class EventClient:
+    """A client of an input device of the kernel: it reads events, and what it writes changes nothing."""
+
+    ended = False
+
+    def receive(self, data: bytes) -> bytes:
+        """Drop what was written."""
+        return b""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
 class Daemon:
     """A client of spacenavd.
 

@@ -9,7 +9,7 @@ from crtk_sim_backends.faults import Fault, FaultKind, KindTable, Parameter
 from crtk_sim_backends.kit.device import Device
 from crtk_sim_backends.kit.fault_desk import FaultDesk
 from crtk_sim_backends.kit.loop import Loop, Ticker
-from crtk_sim_backends.kit.ports import Client, LineSession, Mute, Port, Session
+from crtk_sim_backends.kit.ports import Client, LineSession, Port, Session
 from crtk_sim_backends.kit.server import LoopServer, TcpDoor, UdpDoor
 from crtk_sim_backends.kit.tcp_server import TcpServer, control_door
 from crtk_sim_backends.kit.tty import Tty
@@ -41,7 +41,6 @@ __all__ = [
     "LineSession",
     "Loop",
     "LoopServer",
-    "Mute",
     "Options",
     "Parameter",
     "Port",

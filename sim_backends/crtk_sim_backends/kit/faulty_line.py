@@ -17,13 +17,16 @@ _UNDER_WAY: Final = 1 << 18
 
 
 class FaultyLine:
-    """The faults of one line: ``silence``, and those that change what crosses it or when it arrives.
+    """The faults of one line: ``silence``, ``no_answer``, and what changes or delays what crosses it.
 
     Args:
         loop: in which it lives.
         receive: takes what arrives at the simulator.
         transmit: hands over what arrives at the client.
         joins: whether pieces that arrive together become one.
+
+    Attributes:
+        answers: whether who comes from now on has a session, and is answered.
     """
 
     def __init__(
@@ -37,6 +40,7 @@ class FaultyLine:
         self._loop = loop
         self._ends = {wire.Direction.IN: receive, wire.Direction.OUT: transmit}
         self._joins = joins
+        self.answers = True
         self._silent = False
         self._hooks: dict[str, wire.WireHook] = {}
         self._hook: wire.WireHook | None = None
@@ -47,6 +51,8 @@ class FaultyLine:
         """Let a fault begin; one that is none of its own does nothing here."""
         if fault.kind == "silence":
             self._silent = True
+        elif fault.kind == "no_answer":
+            self.answers = False
         elif fault.kind in HOOKS:
             self._hooks[fault.kind] = HOOKS[fault.kind](fault.parameters)
             self._hook = wire.chain(self._hooks.values())
@@ -55,6 +61,8 @@ class FaultyLine:
         """Let it end; what is under way arrives when it would have."""
         if fault.kind == "silence":
             self._silent = False
+        elif fault.kind == "no_answer":
+            self.answers = True
         self._hooks.pop(fault.kind, None)
         self._hook = wire.chain(self._hooks.values())
 

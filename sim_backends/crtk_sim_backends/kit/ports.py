@@ -28,19 +28,6 @@ class Session(Protocol):
         """Let go of everything: the client is gone."""
 
 
-class Mute:
-    """Reads and never answers."""
-
-    ended = False
-
-    def receive(self, data: bytes) -> bytes:
-        """Take received bytes."""
-        return b""
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
 class LineSession:
     """A client that sends lines of text, and gets lines back.
 
@@ -80,11 +67,31 @@ SessionT = TypeVar("SessionT", bound=Session)
 
 @dataclass(eq=False)
 class Client(Generic[SessionT]):
-    """One accepted connection; `number` counts those of a simulator, where it does."""
+    """One accepted connection.
+
+    Attributes:
+        session: None if it is never answered: it came during the fault ``no_answer``.
+        number: counts the connections of a simulator, where it does.
+    """
 
     connection: wire.Connection
-    session: SessionT
+    session: SessionT | None
     number: int = 0
+
+    @property
+    def ended(self) -> bool:
+        """Whether its session asks for the connection to be closed."""
+        return self.session is not None and self.session.ended
+
+    def receive(self, data: bytes) -> bytes:
+        """Hand received bytes to its session, and return what to send."""
+        return b"" if self.session is None else self.session.receive(data)
+
+    def close(self) -> None:
+        """Close the connection, then the session."""
+        self.connection.close()
+        if self.session is not None:
+            self.session.close()
 
 
 class Port(Generic[SessionT]):
@@ -110,6 +117,11 @@ class Port(Generic[SessionT]):
     def silent(self) -> bool:
         """Whether nothing may be read, sent or accepted."""
         return "silence" in self.faults
+
+    @property
+    def answers(self) -> bool:
+        """Whether who connects from now on has a session, and is answered."""
+        return "no_answer" not in self.faults
 
     def begin(self, fault: Fault) -> None:
         """Let a fault begin."""
@@ -142,8 +154,7 @@ class Port(Generic[SessionT]):
     def remove(self, client: Client[SessionT]) -> None:
         """Close the connection of a client."""
         self.clients.remove(client)
-        client.connection.close()
-        client.session.close()
+        client.close()
 
     def disconnect(self) -> None:
         """Close all connections."""

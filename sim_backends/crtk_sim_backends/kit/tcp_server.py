@@ -11,7 +11,7 @@ from typing import Final
 from crtk_sim_backends.control import ControlSession, Handlers, token
 from crtk_sim_backends.faults import Fault
 from crtk_sim_backends.kit.loop import READ, WRITE, Loop
-from crtk_sim_backends.kit.ports import Client, Mute, Port, Session
+from crtk_sim_backends.kit.ports import Client, Port, Session
 from crtk_sim_backends.wire import Connection
 
 _BACKLOG_LIMIT: Final = 1 << 26  # bytes that a client does not take, which end its connection
@@ -66,7 +66,7 @@ class TcpServer:
         for client in list(self._port.clients):
             if to is not None and client.session is not to:
                 continue
-            if not self._port.silent and not isinstance(client.session, Mute):
+            if not self._port.silent and client.session is not None:
                 client.connection.send_fresh(data, now)
                 self._serve(client, now)
 
@@ -118,8 +118,7 @@ class TcpServer:
             log.info("a client of the %s port was gone at once: %s", self._port.name, error)
             peer.close()
             return
-        mute = "no_answer" in self._port.faults
-        client: Client[Session] = Client(connection, Mute() if mute else self._session())
+        client = Client(connection, self._session() if self._port.answers else None)
         self._port.add(client)
         self._serve(client, time.monotonic())
 
@@ -132,16 +131,16 @@ class TcpServer:
         """Take what has arrived, answer, and wait for more."""
         if client not in self._port.clients or self._port.silent:
             return
-        connection, session = client.connection, client.session
+        connection = client.connection
         try:
             for piece in connection.take(now):
-                connection.send(session.receive(piece), now)
+                connection.send(client.receive(piece), now)
         except Exception:
             log.exception("a defect of the simulator closes a %s connection", self._port.name)
             connection.closed = True
-        if session.ended:
+        if client.ended:
             connection.flush(now)  # its last words
-        if connection.ended or session.ended:
+        if connection.ended or client.ended:
             self._loop.forget(connection.fileno())
             self._port.remove(client)
             return

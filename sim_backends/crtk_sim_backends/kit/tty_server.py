@@ -9,7 +9,7 @@ from pathlib import Path
 from crtk_sim_backends.faults import Fault
 from crtk_sim_backends.kit.faulty_line import FaultyLine
 from crtk_sim_backends.kit.loop import Loop
-from crtk_sim_backends.kit.ports import Mute, Session
+from crtk_sim_backends.kit.ports import Session
 from crtk_sim_backends.kit.tty import Tty
 from crtk_sim_backends.process import SimStartError
 from crtk_sim_backends.wire import Direction
@@ -34,9 +34,7 @@ class TtyServer:
         self._tty = Tty(link)
         self._make_session = session
         self._line = FaultyLine(loop, self._take, self._tty.write)
-        self._is_mute = False
-        self._answers = True
-        self._session = self._new_session()
+        self._session: Session | None = None  # None: its client is never answered
         self._plug()
 
     @property
@@ -56,17 +54,16 @@ class TtyServer:
 
     def send(self, data: bytes, to: Session | None = None) -> None:
         """Send to whoever has it open; what its buffer does not take is lost. It has one session."""
-        if self._tty.plugged and self._tty.clients and self._answers:
+        if self._tty.plugged and self._tty.clients and self._session is not None:
             self._line.carry(Direction.OUT, data)
 
     def begin(self, fault: Fault) -> None:
         """Let a fault of the wire begin; by ``disconnect`` the line is unplugged."""
         if fault.kind == "disconnect":
             self._unplug()
-        elif fault.kind == "no_answer":
-            self._be_mute(True)
         else:
             self._line.begin(fault)
+            self._tell_next_client(fault)
 
     def end(self, fault: Fault) -> None:
         """Let it end."""
@@ -75,29 +72,27 @@ class TtyServer:
                 self._plug()
             except SimStartError as error:
                 log.error("it stays unplugged: %s", error)
-        elif fault.kind == "no_answer":
-            self._be_mute(False)
         else:
             self._line.end(fault)
+            self._tell_next_client(fault)
 
     def close(self) -> None:
         """Take the line away; safe to repeat."""
         self._unplug()
 
-    def _be_mute(self, mute: bool) -> None:
-        """Answer who opens it from now on no more, or again."""
-        self._is_mute = mute
-        if self._tty.plugged and not self._tty.clients:
+    def _tell_next_client(self, fault: Fault) -> None:
+        """Make the session anew that waits for a client, as this fault concerns new clients only."""
+        if fault.kind == "no_answer" and self._tty.plugged and not self._tty.clients:
             self._begin_anew()
 
     def _begin_anew(self) -> None:
-        self._session.close()
-        self._session = self._new_session()
-        self._answers = not self._is_mute
+        self._close_session()
+        self._session = self._make_session() if self._line.answers else None
         self._line.clear()
 
-    def _new_session(self) -> Session:
-        return Mute() if self._is_mute else self._make_session()
+    def _close_session(self) -> None:
+        if self._session is not None:
+            self._session.close()
 
     def _plug(self) -> None:
         self._tty.plug()
@@ -112,7 +107,7 @@ class TtyServer:
             if self._tty.openings is not None:
                 self._loop.forget(self._tty.openings.fileno())
             self._tty.unplug()
-            self._session.close()
+            self._close_session()
             self._line.clear()
 
     def _look(self, events: int) -> None:
@@ -124,4 +119,5 @@ class TtyServer:
         self._line.carry(Direction.IN, self._tty.read())
 
     def _take(self, data: bytes) -> None:
-        self.send(self._session.receive(data))
+        if self._session is not None:
+            self.send(self._session.receive(data))

@@ -10,7 +10,7 @@ from typing import Final
 from crtk_sim_backends.faults import Fault
 from crtk_sim_backends.kit.faulty_line import FaultyLine
 from crtk_sim_backends.kit.loop import Loop
-from crtk_sim_backends.kit.ports import Mute, Session
+from crtk_sim_backends.kit.ports import Session
 from crtk_sim_backends.process import bind_udp
 from crtk_sim_backends.wire import Direction
 
@@ -39,7 +39,6 @@ class UdpServer:
         self._make_session = session
         self._session: Session | None = None
         self._client: tuple[str, int] | None = None
-        self._is_mute = False
         self._line = FaultyLine(loop, self._take, self._transmit, joins=False)
         self._loop.watch(bound.fileno(), self._receive)
 
@@ -50,15 +49,13 @@ class UdpServer:
 
     def send(self, data: bytes, to: Session | None = None) -> None:
         """Send a datagram to the client, if there is one. It has one session."""
-        if self._session is not None and not isinstance(self._session, Mute):
+        if self._session is not None:
             self._line.carry(Direction.OUT, data)
 
     def begin(self, fault: Fault) -> None:
         """Let a fault of the wire begin; by ``disconnect`` nobody is at the port, and the client is gone."""
         if fault.kind == "disconnect":
             self.close()
-        elif fault.kind == "no_answer":
-            self._is_mute = True
         else:
             self._line.begin(fault)
 
@@ -67,8 +64,6 @@ class UdpServer:
         if fault.kind == "disconnect" and self._socket is None:
             self._socket = bind_udp(self.host, self.number, self._name)
             self._loop.watch(self._socket.fileno(), self._receive)
-        elif fault.kind == "no_answer":
-            self._is_mute = False
         else:
             self._line.end(fault)
 
@@ -96,7 +91,7 @@ class UdpServer:
         if sender != self._client:
             self._forget_client()
             self._client = sender
-            self._session = Mute() if self._is_mute else self._make_session()
+            self._session = self._make_session() if self._line.answers else None
         self._line.carry(Direction.IN, data)
 
     def _take(self, data: bytes) -> None:

@@ -15,14 +15,6 @@ class Session(kit.Session, Protocol):
         """Return what comes by itself."""
 
 
-class Mute(kit.Mute):
-    """Reads and never answers."""
-
-    def more(self, now: float) -> bytes:
-        """Nothing comes by itself."""
-        return b""
-
-
 class Requests(ControlSession):
     """A connection of the control port."""
 

@@ -37,7 +37,7 @@ from crtk_sim_backends.netft.injection import (
     KINDS,
     TCP_PORTS,
 )
-from crtk_sim_backends.netft.ports import Mute, Requests, Session
+from crtk_sim_backends.netft.ports import Requests, Session
 from crtk_sim_backends.netft.rdt_port import RdtPort
 from crtk_sim_backends.netft.tcp import TcpSession
 from crtk_sim_backends.process import (
@@ -271,8 +271,8 @@ class NetFtServer:
                 sock.close()
                 continue
             self.statistics.accepted += 1
-            mute = "no_answer" in port.faults
-            session = Mute() if mute else self._session(port.name, f"{sender[0]}:{sender[1]}")
+            name = f"{sender[0]}:{sender[1]}"
+            session = self._session(port.name, name) if port.answers else None
             port.add(Client(connection, session))
             self._watch_again = True
             if port.name in TCP_PORTS:
@@ -319,7 +319,7 @@ class NetFtServer:
         connection = client.connection
         try:
             for piece in connection.take(self._now):
-                connection.send(client.session.receive(piece), self._now)
+                connection.send(client.receive(piece), self._now)
         except Exception:
             log.exception("a defect of the simulator closes a %s connection", port.name)
             connection.closed = True
@@ -327,7 +327,7 @@ class NetFtServer:
 
     def _remove_if_ended(self, port: Port[Session], client: Client[Session]) -> None:
         connection = client.connection
-        done = client.session.ended and not connection.has_output
+        done = client.ended and not connection.has_output
         if (connection.ended or done) and client in port.clients:
             port.remove(client)
             self._watch_again = True
@@ -352,7 +352,7 @@ class NetFtServer:
             connection.flush(now)
             if connection.has_input:
                 self._process(port, client)
-            if not connection.has_output and not connection.closed:
+            if client.session and not connection.has_output and not connection.closed:
                 connection.send(client.session.more(now), now)
             self._remove_if_ended(port, client)
 

@@ -21,7 +21,7 @@ from typing import Any, Final
 from crtk_sim_backends.control import ControlSession, token
 from crtk_sim_backends.fault_player import FaultPlayer
 from crtk_sim_backends.faults import Fault, FaultError, read_faults
-from crtk_sim_backends.kit import ALL_PORTS, Mute, Port, Session
+from crtk_sim_backends.kit import ALL_PORTS, Port, Session
 from crtk_sim_backends.process import (
     SimStartError,
     bind_somewhere,
@@ -434,7 +434,7 @@ class UrServer:
         if not self._external.tool_clients:
             self._clients.disconnect(port)
         for client in port.clients:
-            if said and not port.silent and not isinstance(client.session, Mute):
+            if said and not port.silent and client.session is not None:
                 client.connection.send(said, now)
 
     # Faults

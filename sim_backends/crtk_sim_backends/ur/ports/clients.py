@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol
 
 from crtk_sim_backends import wire
-from crtk_sim_backends.kit import Client, Mute, Port, Session
+from crtk_sim_backends.kit import Client, Port, Session
 from crtk_sim_backends.process import SimStartError, listen
 from crtk_sim_backends.ur.pace import Statistics
 from crtk_sim_backends.ur.ports.interpreter_port import InterpreterSession
@@ -206,12 +206,11 @@ class Clients:
             return
         self._statistics.accepted += 1
         number = self._statistics.accepted
-        mute = "no_answer" in port.faults
-        session = Mute() if mute else self._service.session(port.name, number)
+        session = self._service.session(port.name, number) if port.answers else None
         port.add(Client(connection, session, number))
         self.changed = True
         self._service.connected(port.name)
-        if not mute:
+        if session is not None:
             connection.send(self._service.greeting(port.name), now)
 
     def do_requests(self, now: float) -> list[tuple[Client[Session], bytes]]:
@@ -251,7 +250,7 @@ class Clients:
         connection = client.connection
         try:
             pieces = connection.take(now) or ([b""] if _waits(client) else [])
-            return b"".join([client.session.receive(piece) for piece in pieces])
+            return b"".join([client.receive(piece) for piece in pieces])
         except RtdeError as error:
             log.warning("closing %s connection %d: %s", port, client.number, error)
         except Exception:
@@ -261,16 +260,15 @@ class Clients:
         return b""
 
     def _remove_if_ended(self, port: Port[Session], client: Client[Session]) -> None:
-        if client.connection.ended or client.session.ended:
+        if client.connection.ended or client.ended:
             self.remove(port, client)
 
     def remove(self, port: Port[Session], client: Client[Session]) -> None:
         """Close the connection of a client."""
         port.clients.remove(client)
-        client.connection.close()
         self.changed = True
         try:
-            client.session.close()
+            client.close()
         except Exception:
             self._statistics.defects += 1
             log.exception("a defect of the simulator, as %s client %d went", port, client.number)
@@ -288,7 +286,7 @@ class Clients:
             if port.silent:
                 continue
             for client in port.clients:
-                if client.connection.blocked or isinstance(client.session, Mute):
+                if client.connection.blocked or client.session is None:
                     client.connection.dropped += 1
                     continue
                 package = build() if package is None else package
