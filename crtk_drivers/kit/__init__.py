@@ -6,7 +6,7 @@ slow requests, a round of slow registers, parts of procedures.
 """
 
 from crtk_drivers.kit.decoding import BadData, Decoder, FrameDecoder, LineDecoder, SeekingDecoder
-from crtk_drivers.kit.message_link import MessageLink
+from crtk_drivers.kit.message_link import Linked, MessageLink
 from crtk_drivers.kit.request_worker import RequestWorker
 from crtk_drivers.kit.round_robin import RoundRobin
 from crtk_drivers.kit.sockets import ClosedByPeer, TcpTransport, UdpTransport
@@ -21,6 +21,7 @@ __all__ = [
     "Decoder",
     "FrameDecoder",
     "LineDecoder",
+    "Linked",
     "MessageLink",
     "RequestWorker",
     "RoundRobin",

@@ -11,7 +11,7 @@ from crtk_drivers.errors import ConnectionFailed, ProtocolError
 from crtk_drivers.kit.decoding import BadData, Damage, Decoder, Tolerant
 from crtk_drivers.kit.transport import Transport
 
-__all__ = ["MessageLink"]
+__all__ = ["Linked", "MessageLink"]
 
 Message = TypeVar("Message")
 
@@ -204,3 +204,22 @@ class MessageLink(Generic[Message]):
 
     def _refuse(self, what: str) -> NoReturn:
         raise ProtocolError(f"it sent {what}", where=self.where, remedy=self._remedy)
+
+
+class Linked(Generic[Message]):
+    """Pass on the counters and notes of `self._link`: of a device or `Hand` that has one `MessageLink`.
+
+    It comes first among the base classes: ``class ScaleDevice(Linked[Weight], Sensor)``.
+    """
+
+    _link: MessageLink[Message]
+
+    @property
+    def counters(self) -> Mapping[str, float]:
+        """How many damaged records were left out."""
+        return self._link.counters
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """That the connection is degraded, if it is."""
+        return self._link.notes

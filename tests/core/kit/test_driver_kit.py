@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from crtk_drivers.device import Capabilities, Sensor, StopPolicy
 from crtk_drivers.device.giving_up import given_up_by
 from crtk_drivers.errors import ConnectionFailed, ConnectionLost, ProtocolError
 from crtk_drivers.kit import (
@@ -16,6 +17,7 @@ from crtk_drivers.kit import (
     ClosedByPeer,
     FrameDecoder,
     LineDecoder,
+    Linked,
     MessageLink,
     RequestWorker,
     RoundRobin,
@@ -319,6 +321,37 @@ def test_damaged_records_in_a_row_are_told_then_lost(link, counter):
     link.open(soon())
     assert link.damaged == 10
     assert not link.notes
+
+
+class CounterDevice(Linked[int], Sensor):
+    """A sensor that is nothing but its link."""
+
+    address = "counter"
+    capabilities = Capabilities(measured=("measured_cf",), stop=StopPolicy(0.0, "never moves"))
+
+    def __init__(self, link):
+        self._link = link
+
+    def open(self, deadline):
+        self._link.open(deadline)
+
+    def close(self):
+        self._link.close()
+
+    def read(self, deadline):
+        self._link.read(deadline)
+
+
+def test_linked_device_reports_damage_of_its_link(link, counter):
+    device = CounterDevice(link)
+    assert device.counters == {"damaged": 0.0}
+    assert device.notes == ()
+    counter.sendall(b"1\n" + b"x\n" * 3)
+    device.read(soon())
+    device.read(time.monotonic() + 0.02)
+    assert device.counters == {"damaged": 3.0}
+    (note,) = device.notes
+    assert note.text == "3 in a row, the last b'x'"
 
 
 def test_what_never_ends_a_line_is_lost(link, counter):

@@ -23,13 +23,12 @@ from crtk_drivers.device import (
     Device,
     JointLimits,
     Mode,
-    Note,
     Setpoint,
     Steps,
     StopPolicy,
 )
 from crtk_drivers.errors import CrtkError, DeviceFault, raise_first
-from crtk_drivers.kit import MessageLink, TcpTransport
+from crtk_drivers.kit import Linked, MessageLink, TcpTransport
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
 
@@ -40,7 +39,7 @@ SILENCE = 0.2
 """Seconds after which the stage stops by itself when it hears nothing."""
 
 
-class OneAxisDevice(Device):
+class OneAxisDevice(Linked[Report], Device):
     """One stage."""
 
     def __init__(self, config: OneAxisConfig) -> None:
@@ -96,12 +95,7 @@ class OneAxisDevice(Device):
     @property
     @override
     def counters(self) -> Mapping[str, float]:
-        return {"reports": float(self._reports), **self._link.counters}
-
-    @property
-    @override
-    def notes(self) -> tuple[Note, ...]:
-        return self._link.notes
+        return {"reports": float(self._reports), **super().counters}
 
     @override
     def open(self, deadline: float) -> None:

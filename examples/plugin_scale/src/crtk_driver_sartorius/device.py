@@ -7,9 +7,9 @@ from typing_extensions import override
 from crtk_driver_sartorius.config import SartoriusConfig
 from crtk_driver_sartorius.protocol import ASK, KG, TARE, Weight, decoder
 from crtk_drivers.commands import Payload
-from crtk_drivers.device import Answer, Capabilities, Note, Reading, Sensor, Service, StopPolicy
+from crtk_drivers.device import Answer, Capabilities, Reading, Sensor, Service, StopPolicy
 from crtk_drivers.errors import ProtocolError, TransitionFailed
-from crtk_drivers.kit import MessageLink, until
+from crtk_drivers.kit import Linked, MessageLink, until
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.samples import Flag, Sample, Stamp, Wrench, vector
 
@@ -17,7 +17,7 @@ GRAVITY = 9.80665
 REMEDY = "Is it on, and does this port lead to it: 9600 bit/s, 7 bits, odd, SBI, 16 characters?"
 
 
-class SartoriusDevice(Sensor):
+class SartoriusDevice(Linked[Weight], Sensor):
     """One scale."""
 
     def __init__(self, config: SartoriusConfig) -> None:
@@ -52,16 +52,6 @@ class SartoriusDevice(Sensor):
     def readings(self) -> Mapping[str, Reading]:
         at_rest = Reading("whether it is", Payload.FLAG, lambda: Flag(bool(self._newest.unit)))
         return {"at_rest": at_rest}
-
-    @property
-    @override
-    def counters(self) -> Mapping[str, float]:
-        return self._link.counters
-
-    @property
-    @override
-    def notes(self) -> tuple[Note, ...]:
-        return self._link.notes
 
     @override
     def open(self, deadline: float) -> None:

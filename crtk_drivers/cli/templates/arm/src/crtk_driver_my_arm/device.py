@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from crtk_drivers.device import (
     Capabilities,
     Condition,
     Device,
     JointLimits,
     Mode,
-    Note,
     Setpoint,
     Steps,
     StopPolicy,
 )
 from crtk_drivers.errors import CrtkError, DeviceFault, raise_first
-from crtk_drivers.kit import MessageLink, TcpTransport
+from crtk_drivers.kit import Linked, MessageLink, TcpTransport
 from crtk_drivers.samples import JointState, Sample, Stamp, vector
 from crtk_drivers.state import OperatingState
 from typing_extensions import override
@@ -43,7 +40,7 @@ SILENCE = 0.2
 """Seconds after which the arm stops by itself when it hears nothing."""
 
 
-class MyArmDevice(Device):
+class MyArmDevice(Linked[Report], Device):
     """One arm."""
 
     def __init__(self, config: MyArmConfig) -> None:
@@ -93,16 +90,6 @@ class MyArmDevice(Device):
             return ()
         remedy = "Remove the cause, then enable again."
         return (DeviceFault(self._report.fault, where=self.address, remedy=remedy),)
-
-    @property
-    @override
-    def counters(self) -> Mapping[str, float]:
-        return self._link.counters
-
-    @property
-    @override
-    def notes(self) -> tuple[Note, ...]:
-        return self._link.notes
 
     @override
     def open(self, deadline: float) -> None:

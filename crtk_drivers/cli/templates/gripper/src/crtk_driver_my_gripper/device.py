@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from crtk_drivers.device import (
     Capabilities,
     Condition,
     JointLimits,
     Mode,
-    Note,
     Steps,
     StopPolicy,
 )
-from crtk_drivers.kit import MessageLink
+from crtk_drivers.kit import Linked, MessageLink
 from crtk_drivers.kit.gripping import Doing, GripperDevice, Hand, Measured
 from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.samples import Stamp
@@ -39,7 +38,7 @@ def create(config: MyGripperConfig) -> GripperDevice:
     return GripperDevice(MyGripperHand(config), config.port, config.on_close)
 
 
-class MyGripperHand(Hand):
+class MyGripperHand(Linked[Report], Hand):
     """One gripper; its joint is the opening between the fingers, in m."""
 
     fault = None  # it reports none
@@ -68,16 +67,6 @@ class MyGripperHand(Hand):
     @override
     def is_open(self) -> bool:
         return self._report is not None
-
-    @property
-    @override
-    def counters(self) -> Mapping[str, float]:
-        return self._link.counters
-
-    @property
-    @override
-    def notes(self) -> tuple[Note, ...]:
-        return self._link.notes
 
     @override
     def open(self, deadline: float, given_up: Callable[[], bool]) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from crtk_drivers.commands import Payload
-from crtk_drivers.device import Answer, Capabilities, Note, Reading, Sensor, Service, StopPolicy
+from crtk_drivers.device import Answer, Capabilities, Reading, Sensor, Service, StopPolicy
 from crtk_drivers.errors import TransitionFailed
-from crtk_drivers.kit import MessageLink, until
+from crtk_drivers.kit import Linked, MessageLink, until
 from crtk_drivers.samples import Flag, Sample, Stamp, Wrench, vector
 from typing_extensions import override
 
@@ -19,7 +19,7 @@ TARE_TIMEOUT = 2.0
 """Seconds in which the sensor confirms that it tares."""
 
 
-class MySensorDevice(Sensor):
+class MySensorDevice(Linked[Force | str], Sensor):
     """One sensor."""
 
     def __init__(self, config: MySensorConfig) -> None:
@@ -55,16 +55,6 @@ class MySensorDevice(Sensor):
     def readings(self) -> Mapping[str, Reading]:
         summary = "whether the load is beyond its range"
         return {"overload": Reading(summary, Payload.FLAG, self._overload)}
-
-    @property
-    @override
-    def counters(self) -> Mapping[str, float]:
-        return self._link.counters
-
-    @property
-    @override
-    def notes(self) -> tuple[Note, ...]:
-        return self._link.notes
 
     @override
     def open(self, deadline: float) -> None:
