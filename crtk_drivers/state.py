@@ -107,11 +107,13 @@ def parse_command(text: str) -> StateCommand:
     try:
         return StateCommand(text)
     except ValueError:
+        begin = str(text)[:80]
         raise CommandRefused(
             "state_command",
             Reason.UNKNOWN_COMMAND,
-            f"{str(text)[:80]!r} is not a state command",
+            f"{begin!r} is not a state command",
             remedy=f"Valid, exactly as written: {', '.join(StateCommand)}.",
+            state_command=begin,
         ) from None
 
 
@@ -133,4 +135,5 @@ def target_of(state: OperatingState, command: StateCommand) -> OperatingState:
             Reason.INVALID_TRANSITION,
             f"{command} is invalid in {state}",
             remedy=f"From {state}: {', '.join(valid)}.",
+            state_command=command,
         ) from None

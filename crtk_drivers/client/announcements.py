@@ -228,6 +228,7 @@ class StatusTracker:
                 where=self._where,
                 remedy=content["remedy"],
                 stamp_ns=stamp["sec"] * 1_000_000_000 + stamp["nanosec"],
+                state_command=str(content.get("state_command", "")),
             )
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             logger.warning("%s: a refusal that cannot be read: %s", self._where, error)

@@ -427,7 +427,7 @@ class Intake:
                         self._note_newest(received_ns)
                     self._waiting.end(f"by {command}", Outcome.PREEMPTED)
         except CommandRefused as refusal:
-            told = refusal.of(stamp_ns, self.where)
+            told = refusal.of(stamp_ns, self.where, text)
             self._board.refused(told)
             self._board.announce()
             raise told from refusal.__cause__

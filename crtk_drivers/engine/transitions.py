@@ -317,7 +317,7 @@ class Transitions:
     def _refused(
         self, running: _Running, refusal: CommandRefused, *, has_begun: bool = False
     ) -> None:
-        told = refusal.of(running.stamp_ns, self._where)
+        told = refusal.of(running.stamp_ns, self._where, running.command)
         with self._board.lock:
             self._ended(running)
             self._board.update(busy=False)
@@ -352,6 +352,7 @@ class Transitions:
                 where=self._where,
                 remedy=remedy,
                 stamp_ns=running.stamp_ns,
+                state_command=running.command,
             )
         )
 

@@ -207,6 +207,7 @@ class CommandRefused(CrtkError, ValueError):
         message: why, for people.
         remedy: what to send instead.
         stamp_ns: of the command, by its sender; 0 if it had none.
+        state_command: what a ``state_command`` asked for, for example ``enable``; empty of other commands.
     """
 
     def __init__(
@@ -218,15 +219,20 @@ class CommandRefused(CrtkError, ValueError):
         where: str = "",
         remedy: str = "",
         stamp_ns: int = 0,
+        state_command: str = "",
     ) -> None:
         super().__init__(f"{command} refused ({reason}): {message}", where=where, remedy=remedy)
         self.command = command
         self.reason = reason
         self.detail = message
         self.stamp_ns = stamp_ns
+        self.state_command = state_command
 
-    def of(self, stamp_ns: int, where: str = "") -> CommandRefused:
-        """Return the refusal of the command that has this stamp, by the device `where` if it names none."""
+    def of(self, stamp_ns: int, where: str = "", state_command: str = "") -> CommandRefused:
+        """Return the refusal of the command that has this stamp.
+
+        The device is `where` and what was asked for `state_command`, unless the refusal names its own.
+        """
         told = CommandRefused(
             self.command,
             self.reason,
@@ -234,6 +240,7 @@ class CommandRefused(CrtkError, ValueError):
             where=self.where or where,
             remedy=self.remedy,
             stamp_ns=stamp_ns,
+            state_command=self.state_command or state_command,
         )
         return told.with_traceback(self.__traceback__)
 

@@ -126,6 +126,7 @@ class Presence:
             f"{first.name} serves {self._namespace}, and was there before this one",
             where=self._engine.where,
             remedy=_REMEDY,
+            state_command=word,
         )
         self._engine.report_refusal(refusal)
         raise refusal

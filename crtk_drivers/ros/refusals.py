@@ -8,7 +8,8 @@ JSON in a std_msgs/String, reliable and latched (the last ten):
 `reason` is a member of `crtk_drivers.errors.Reason`, `count` how often this command has been refused for
 this reason since the start, `stamp` that of the command's header (zero if it had none). Of a stream, a pair
 of command and reason is told once in `INTERVAL` seconds; refusals in between are counted, and told when the
-interval is over. Each refused move and state command is told.
+interval is over. Each refused move and state command is told. The refusal of a ``state_command`` has one more
+key, `state_command`: what was asked for, such as "enable".
 """
 
 from __future__ import annotations

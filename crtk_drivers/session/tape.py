@@ -66,7 +66,7 @@ def _is_sampled(command: Command) -> bool:
 
 
 def refusal_text(refusal: CommandRefused, count: int) -> str:
-    """Return a refusal as the topic ``refusals`` tells it; `count` is how many of its kind there were."""
+    """Return a refusal as the topic ``refusals`` reports it; `count` is how many of its kind there were."""
     seconds, nanoseconds = divmod(refusal.stamp_ns, 1_000_000_000)
     content = {
         "command": refusal.command,
@@ -76,6 +76,8 @@ def refusal_text(refusal: CommandRefused, count: int) -> str:
         "count": count,
         "stamp": {"sec": seconds, "nanosec": nanoseconds},
     }
+    if refusal.state_command:
+        content["state_command"] = refusal.state_command
     return json.dumps(content)
 
 

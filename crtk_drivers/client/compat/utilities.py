@@ -450,7 +450,7 @@ def _contradicts(refused: CommandRefused, command: str) -> bool:
     """Whether a refused command of whomever asks for something else than `command`: each one is told."""
     if refused.command == "hold":
         return True
-    return refused.command == "state_command" and not refused.message.startswith(f"{command}: ")
+    return refused.command == "state_command" and refused.state_command != command
 
 
 def _is_lost(status: Status) -> bool:

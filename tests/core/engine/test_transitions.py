@@ -249,6 +249,30 @@ def test_a_transition_that_is_refused_leaves_the_state() -> None:
     assert rig.told.states[before:] == [S.DISABLED]
 
 
+def test_refusal_carries_the_refused_state_command() -> None:
+    rig = Rig()
+
+    def refused(command: str) -> tuple[str, Reason]:
+        with pytest.raises(CommandRefused) as caught:
+            rig.engine.state_command(command)
+        assert rig.told.refusals[-1].state_command == caught.value.state_command
+        return caught.value.state_command, caught.value.reason
+
+    assert refused("enable") == ("enable", Reason.NOT_CONNECTED)
+    assert refused("up" * 100) == (("up" * 100)[:80], Reason.UNKNOWN_COMMAND)
+    rig.connect()
+    assert refused("resume") == ("resume", Reason.INVALID_TRANSITION)
+    assert refused("unhome") == ("unhome", Reason.NO_EFFECT)
+    refusal = CommandRefused("state_command", Reason.LOCAL_CONTROL, "pendant has control")
+    rig.device.procedures["enable"] = lambda: raising(refusal)
+    rig.command("enable")
+    rig.cycle(2)
+    assert rig.told.refusals[-1].state_command == "enable"
+    with pytest.raises(CommandRefused) as caught:
+        rig.engine.submit("move_jp", None)
+    assert caught.value.state_command == ""
+
+
 @pytest.mark.parametrize("command", ["disable", "pause", "home"])
 def test_motion_is_stopped_before_the_procedure_begins(command: str) -> None:
     rig = Rig(capabilities=two_joints(needs_homing=True)).enabled()

@@ -228,6 +228,17 @@ def test_a_late_enable_gives_way_to_disable(ral: crtk.ral, served: Session) -> N
         assert heard == ["enable", "disable"]
 
 
+def test_late_enable_goes_on_beside_another_enable(ral: crtk.ral, served: Session) -> None:
+    arm: Any = Arm(ral, crtk14)
+    with enabling_late(arm, served) as (enabled, heard):
+        before = refused(served.engine)
+        arm.state_command("enable")
+        eventually(lambda: refused(served.engine) > before, "that of somebody else is refused, too")
+        served.engine.device.reachable = True  # type: ignore[attr-defined]
+        assert enabled.result(LONG)
+        assert heard == ["enable"] * 3, "it is sent again once the device is there"
+
+
 def too_hot(device: LoopbackDevice) -> Steps:
     raise DeviceFault("a drive is too hot")
     yield

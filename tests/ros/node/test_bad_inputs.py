@@ -335,6 +335,7 @@ def test_a_refused_state_command_is_told_with_its_stamp(rig: Rig) -> None:
     rig.client.send("state_command", message)
     content = told(rig, "state_command", "no_effect", 0)
     assert content["stamp"] == {"sec": 1_763_700_000, "nanosec": 7}
+    assert content["state_command"] == "unhome"
     assert "is_homed stays true" in content["remedy"]
 
 
