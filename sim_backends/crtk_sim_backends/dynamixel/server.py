@@ -77,7 +77,7 @@ class DynamixelServer:
         self._busy = 0.0
         self._wake_ups = 0
         self._lines: list[Line] = []
-        self._sources: dict[int, Callable[[], None]] = {}
+        self._sources: dict[int, Callable[[], object]] = {}
         self._watched: list[int] = []
         self._changed = True  # ttys or connections came or went
         self.host, (self._listener, *doors) = bind_somewhere(config.host, self._bind)

@@ -37,8 +37,8 @@ class Openings:
         return self._fd
 
     def look(self) -> bool:
-        """Take what has happened; whether the last client has left."""
-        before = self.count
+        """Take what has happened; whether the last client has left, even if another one has come since."""
+        has_left = False
         try:
             data = os.read(self._fd, 65536)
         except BlockingIOError:
@@ -47,8 +47,9 @@ class Openings:
         while at < len(data):
             _, mask, _, name = _EVENT.unpack_from(data, at)
             self.count += bool(mask & _OPENED) - bool(mask & _CLOSED)
+            has_left = has_left or self.count == 0
             at += _EVENT.size + name
-        return self.count == 0 and (before > 0 or bool(data))
+        return has_left
 
     def close(self) -> None:
         """Stop watching."""

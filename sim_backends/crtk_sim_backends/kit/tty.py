@@ -78,11 +78,13 @@ class Tty:
         os.close(self._master)
         self._master = self._slave = -1
 
-    def look(self) -> None:
-        """Clients came or went: after the last one, nothing of it is left, as at a real port."""
-        if self.openings is not None and self.openings.look():
+    def look(self) -> bool:
+        """Return whether the last client has left: nothing that was sent to it is left, as at a real port."""
+        has_left = self.openings is not None and self.openings.look()
+        if has_left and not self.clients:
             fcntl.ioctl(self._slave, termios.TIOCNXCL)
             termios.tcflush(self._slave, termios.TCIFLUSH)
+        return has_left
 
     @property
     def clients(self) -> int:

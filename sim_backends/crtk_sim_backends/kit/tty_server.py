@@ -111,11 +111,16 @@ class TtyServer:
             self._line.clear()
 
     def _look(self, events: int) -> None:
-        self._tty.look()
-        if not self._tty.clients:
-            self._begin_anew()
+        """See who has come or left."""
+        if not self._tty.look():
+            return
+        # The kernel hands on what a client has written some time later, but at once to whoever reads.
+        while not self._tty.clients and (data := self._tty.read()):
+            self._line.carry(Direction.IN, data)
+        self._begin_anew()
 
     def _receive(self, events: int) -> None:
+        self._look(events)  # who has sent this
         self._line.carry(Direction.IN, self._tty.read())
 
     def _take(self, data: bytes) -> None:
