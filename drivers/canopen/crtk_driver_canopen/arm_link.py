@@ -29,6 +29,7 @@ from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import WAYS, OpMode, Way
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.pdo import Pdo
+from crtk_driver_canopen.read_once import Readings
 from crtk_driver_canopen.sdo import Sdo
 from crtk_driver_canopen.signals import Outputs, Signals
 from crtk_driver_canopen.statemachine import Control, State
@@ -190,12 +191,15 @@ class ArmLink:
         self._stops_quickly.clear()
         self._listen(deadline)
         self._master.command(NmtCommand.PRE_OPERATIONAL)
-        told = read_cob_ids(self._master, self.layout) if self.layout.asked else None
+        readings = Readings(self._master)
+        told = read_cob_ids(readings, self.layout) if self.layout.asked else None
         if told is not None:
             self.layout = plan(config, told)
             self._foreign.watch(self.layout.rpdos.pdos)
-        self.found, self.held = secure(self, config)
-        facts, self.layout = prepare_all(self._master, config, self.layout, told, deadline)
+        self.found, self.held = secure(self, config, readings)
+        facts, self.layout = prepare_all(
+            self._master, config, self.layout, told, readings, deadline
+        )
         self.axes = [Axis(name, joint, facts[name]) for name, joint in config.joints.items()]
         for axis in self.axes:
             if axis.name in self.held:

@@ -48,6 +48,7 @@ from crtk_driver_canopen.pdo import (
 )
 from crtk_driver_canopen.plausibility import check_plausible
 from crtk_driver_canopen.profiles import ProfileRates
+from crtk_driver_canopen.read_once import Readings
 from crtk_driver_canopen.safeguards import (
     PositionLimits,
     ensure_error_behaviour,
@@ -106,13 +107,18 @@ class Prepared:
 
 
 def prepare(
-    master: Master, config: CanopenConfig, layout: Layout, nodes: Iterable[int] | None = None
+    master: Master,
+    config: CanopenConfig,
+    layout: Layout,
+    nodes: Iterable[int] | None = None,
+    readings: Readings | None = None,
 ) -> dict[str, Prepared]:
     """Make drives ready; they must be pre-operational.
 
     Args:
         master: of the open bus.
         nodes: only these; all of the configuration if None.
+        readings: what has been read of them just before; nothing if None.
 
     Returns:
         What is known of each of their joints, by name.
@@ -126,14 +132,20 @@ def prepare(
         SdoAborted, SdoSilent, ProtocolError, BusLost: a drive did not answer as it should.
     """
     prepared: dict[str, Prepared] = {}
+    readings = readings or Readings(master)
     for node in config.nodes if nodes is None else nodes:
         joints = {name: joint for name, joint in config.joints.items() if joint.node == node}
-        prepared |= _node(master, config, layout, node, joints)
+        prepared |= _node(master, readings, config, layout, node, joints)
     return {name: prepared[name] for name in config.joints if name in prepared}
 
 
 def prepare_all(
-    master: Master, config: CanopenConfig, layout: Layout, told: CobIds | None, deadline: float
+    master: Master,
+    config: CanopenConfig,
+    layout: Layout,
+    told: CobIds | None,
+    readings: Readings,
+    deadline: float,
 ) -> tuple[dict[str, Prepared], Layout]:
     """Make all drives ready, without the feedback that one of them lacks or cannot have in a PDO.
 
@@ -141,6 +153,7 @@ def prepare_all(
         master: of the open bus.
         layout: PDOs with all feedback.
         told: COB-IDs that the drives have, where they count.
+        readings: what has been read of them just before.
         deadline: monotonic seconds.
 
     Returns:
@@ -162,7 +175,7 @@ def prepare_all(
                 remedy="Raise open_timeout.",
             )
         try:
-            facts |= prepare(master, config, layout, [node])
+            facts |= prepare(master, config, layout, [node], readings)
         except NotMapped as error:
             lacks.add((node, error.entry))
             less = plan(config, told, lacks)
@@ -175,9 +188,14 @@ def prepare_all(
 
 
 def _node(
-    master: Master, config: CanopenConfig, layout: Layout, node: int, joints: dict[str, JointConfig]
+    master: Master,
+    readings: Readings,
+    config: CanopenConfig,
+    layout: Layout,
+    node: int,
+    joints: dict[str, JointConfig],
 ) -> dict[str, Prepared]:
-    sdo = Sdo(master.sdo(node))
+    sdo = readings.sdo(node)
     identity = read_identity(sdo)
     check_identity(identity, next(iter(joints.values())).identity.wanted, sdo.where)
     notes: list[str] = []
@@ -205,7 +223,7 @@ def _node(
     for name, joint in joints.items():
         profile = named(joint.profile) or _by_identity(identity, notes)
         master.profiles[node] = profile
-        axis = Sdo(master.sdo(node), joint.axis)
+        axis = readings.sdo(node, joint.axis)
         note_missing(axis, _unmeasured(config, layout, joint), notes)
         made[name] = _axis(axis, config, name, joint, identity, profile, notes)
     _map(sdo, layout, node)
@@ -219,7 +237,7 @@ def _node(
     for name, joint in joints.items():
         # Only one mode, and no PDO that carries it: it is set here, once.
         if len(joint.modes) == 1 and joint.homing is None:
-            axis, told = Sdo(master.sdo(node), joint.axis), list(made[name].notes)
+            axis, told = readings.sdo(node, joint.axis), list(made[name].notes)
             ensure_mode(axis, name, joint.op_modes[0], told)
             made[name] = replace(made[name], notes=tuple(told))
     return made
@@ -486,13 +504,13 @@ def _map(sdo: Sdo, layout: Layout, node: int) -> None:
         )
 
 
-def read_cob_ids(master: Master, layout: Layout) -> CobIds:
+def read_cob_ids(readings: Readings, layout: Layout) -> CobIds:
     """Return the COB-IDs that the drives have for the PDOs that a layout asks for.
 
     Raises:
         DeviceError: a drive has none, or does not tell.
     """
     return {
-        (node, direction, number): read_cob_id(Sdo(master.sdo(node)), direction, number)
+        (node, direction, number): read_cob_id(readings.sdo(node), direction, number)
         for node, direction, number in layout.asked
     }

@@ -226,13 +226,16 @@ _NUMBER: Final = re.compile(
 _NAMES: Final = {(entry.index, entry.sub): entry.name for entry in OBJECTS.values()}
 
 
+def first_axis(index: int) -> int:
+    """Return the index that an object has on the first axis of a node."""
+    return _PROFILE.start + (index - _PROFILE.start) % AXIS_STEP if index in _PROFILE else index
+
+
 def object_text(index: int, sub: int) -> str:
     """Return an object for people: ``6064h:00 position actual``, with its axis if it is not the first."""
     number = f"{index:04X}h:{sub:02X}"
-    axis, first = 0, index
-    if index in _PROFILE:
-        axis, offset = divmod(index - _PROFILE.start, AXIS_STEP)
-        first = _PROFILE.start + offset
+    first = first_axis(index)
+    axis = (index - first) // AXIS_STEP
     name = _NAMES.get((first, sub), "")
     if not name:
         return number
@@ -249,9 +252,7 @@ _COMMANDS: Final = frozenset(
 
 def is_command(index: int) -> bool:
     """Whether an object moves or powers a drive, or changes what it has stored: no file may say that."""
-    if index in _PROFILE:
-        index = _PROFILE.start + (index - _PROFILE.start) % AXIS_STEP
-    return index in _COMMANDS
+    return first_axis(index) in _COMMANDS
 
 
 def parse_object(text: str) -> tuple[int, int]:

@@ -21,6 +21,7 @@ from crtk_driver_canopen.jobs import NodeJobs
 from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.objects import OBJECTS
 from crtk_driver_canopen.pdo import Pdo, set_deadline
+from crtk_driver_canopen.read_once import Readings
 from crtk_driver_canopen.sdo import Sdo, SdoAborted
 from crtk_driver_canopen.statemachine import POWERED, Control, State, decode
 from crtk_driver_canopen.units import read_unit_objects, resolve
@@ -203,7 +204,9 @@ def _least_motion(name: str, joint: JointConfig, sdo: Sdo) -> float:
     return max(_STILL, _SLOW * joint.velocity * _LOOK / count)
 
 
-def secure(link: Drives, config: CanopenConfig) -> tuple[dict[str, str], frozenset[str]]:
+def secure(
+    link: Drives, config: CanopenConfig, readings: Readings
+) -> tuple[dict[str, str], frozenset[str]]:
     """Bring drives that have power or move to rest, by SDO, before they are set up.
 
     Those that hold still keep their power where the configuration leaves drives holding (``on_close: hold``);
@@ -217,7 +220,7 @@ def secure(link: Drives, config: CanopenConfig) -> tuple[dict[str, str], frozens
         SdoSilent, SdoAborted, ProtocolError, BusLost: a drive does not answer.
     """
     axes = {
-        name: _Found(name, joint, Sdo(link.master.sdo(joint.node), joint.axis))
+        name: _Found(name, joint, readings.sdo(joint.node, joint.axis))
         for name, joint in config.joints.items()
     }
     link.master.poll(time.monotonic() + _LOOK)
