@@ -109,13 +109,14 @@ def _missing(objects: _Sheet) -> Iterator[str]:
     for row in ROWS:
         if objects.has(row.name):
             continue
-        refused = row.refused(modes)
-        if row.without:
-            yield f"no {row.entry}: {row.without}"
-        elif row.used == EVERY:
+        refused = row.refused(row.used & modes)
+        if row.needed == EVERY:
             yield f"no {row.entry}: this driver cannot use it"
         elif refused:
-            yield f"no {row.entry}: this driver cannot use it in {refused}"
+            elsewhere = f"; elsewhere {row.without}" if row.without else ""
+            yield f"no {row.entry}: this driver cannot use it in {refused}{elsewhere}"
+        elif row.without:
+            yield f"no {row.entry}: {row.without}"
 
 
 def hidden_modes(sheet: DataSheet) -> tuple[OpMode, ...]:

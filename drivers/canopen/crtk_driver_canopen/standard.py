@@ -31,9 +31,12 @@ class Category(StrEnum):
 class Row(NamedTuple):
     """An object that the driver uses where it is there.
 
+    At connect a drive is asked for the rows that are used in its modes, that are configured, or that are
+    measured. The check of an EDS (`crtk_driver_canopen.eds_profile`) asks for all of them.
+
     Attributes:
         name: of `crtk_driver_canopen.objects.OBJECTS`.
-        mandatory: modes in which the standards make it mandatory.
+        mandatory: modes in which the standards make it mandatory, of those in which it is needed.
         needed: modes in which nothing stands in for it: a drive without it is refused.
         used: modes in which a drive is asked for it at connect, and its lack is reported.
         without: what happens where it is missing, and not needed.
@@ -98,7 +101,7 @@ ROWS: Final = (
     Row("homing_speed_switch", _HM, _HM, without="its speed towards the switch is its own"),
     Row("homing_speed_zero", _HM, _HM, without="its speed towards the index is its own"),
     Row("homing_acceleration", without="its acceleration in homing is its own"),
-    Row("velocity_actual", _PV, without="its velocity is not measured"),
+    Row("velocity_actual", without="its velocity is not measured"),
     Row("torque_actual", without="its effort is not measured"),
     Row(
         "consumer_heartbeat_time",

@@ -22,10 +22,12 @@ from crtk_driver_canopen.drive_profile import (
 from crtk_driver_canopen.eds_profile import first_profile, hidden_modes, oddities
 from crtk_driver_canopen.identity import Identity
 from crtk_driver_canopen.modes import OpMode
+from crtk_driver_canopen.standard import ROWS, Row
 from crtk_driver_canopen.tools import ProfileOptions
 from crtk_drivers.config import from_file, from_values, load
 from crtk_drivers.errors import ConfigError
 from crtk_sim_backends.canopen.drive import DriveConfig, eds_of
+from crtk_sim_backends.canopen.eds import PUBLISHED
 from crtk_sim_backends.canopen.personality import PERSONALITIES
 
 SHEETS = Path(__file__).parents[2] / "data" / "eds"
@@ -152,6 +154,21 @@ def test_what_is_odd_about_an_epos4_is_told(tmp_path: Path) -> None:
         assert each in told, each
     assert "fixed" not in told
     assert "PDO 4, not" not in told
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row.name for row in ROWS])
+def test_each_object_of_the_table_is_missed(tmp_path: Path, row: Row) -> None:
+    """A row that nobody asks for would say nothing; a category counts where a drive is refused."""
+    path = tmp_path / "drive.eds"
+    name = f"{row.entry.index:04X}"
+    parts = PUBLISHED.read_text().split("\n\n")
+    kept = [part for part in parts if not part.startswith((f"[{name}]", f"[{name}sub"))]
+    assert kept != parts
+    path.write_text("\n\n".join(kept))
+    (told,) = [each for each in oddities(eds.load(path, 1)) if each.startswith(f"no {row.entry}:")]
+    assert ("cannot use it" in told) is bool(row.needed & row.used)
+    assert row.without in told
+    assert row.mandatory <= row.needed
 
 
 def test_modes_that_6502h_hides_are_told(tmp_path: Path) -> None:
