@@ -54,7 +54,9 @@ def check_plausible(
         SdoAborted, SdoSilent, ProtocolError: an object could not be read.
     """
     for doubt in _doubts(sdo, joint, units, drive, moves=moves):
-        if doubt.is_used and joint.plausibility == "refuse":
+        # A torque says nothing of what a joint is given that takes no efforts.
+        matters = doubt.quantity is not Quantity.EFFORT or Way.EFFORTS in joint.ways
+        if matters and joint.plausibility == "refuse":
             raise ConfigError(
                 doubt.text,
                 where=f"joints.{name}",
@@ -67,10 +69,9 @@ def check_plausible(
 
 
 class _Doubt(NamedTuple):
-    """What is not plausible, and whether the joint is commanded by it."""
+    """What is not plausible, in words."""
 
     quantity: Quantity
-    is_used: bool
     text: str
 
 
@@ -150,7 +151,6 @@ def _doubts(
         of = f"{unit}/{each.per}"
         yield _Doubt(
             each.quantity,
-            True,
             f"{OBJECTS[each.entry].on_axis(sdo.axis)} is {held}, which is {held * each.one:.4g} {of} in the "
             f"unit that is used; the joint's limit is {each.limit:.4g} {of}: {_times(factor)}",
         )
@@ -160,7 +160,6 @@ def _doubts(
         if not _LEAST <= factor <= FACTOR:
             yield _Doubt(
                 Quantity.EFFORT,
-                Way.EFFORTS in joint.ways,
                 f"the rated torque of the motor (6076h) is {rated:.4g} {of} at the joint, which is limited "
                 f"to {joint.effort:.4g} {of}: {_times(factor)}",
             )
