@@ -25,6 +25,7 @@ from crtk_driver_canopen.foreign import SYNC_TEXT, ForeignMaster
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
 from crtk_driver_canopen.jobs import NodeJobs
 from crtk_driver_canopen.layout import Layout, plan
+from crtk_driver_canopen.lowered_limits import LoweredLimits
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import WAYS, OpMode, Way
 from crtk_driver_canopen.objects import OBJECTS
@@ -104,6 +105,8 @@ class ArmLink:
         self._stops_quickly = threading.Event()
         self.held: frozenset[str] = frozenset()
         """Joints that had power when they were found, and have been left holding."""
+        self.lowered = LoweredLimits()
+        """Limits of speed that the drives held before this program lowered them."""
         self._tardy: list[int] = []
         self._probed: dict[int, float] = {}
         self.targets: list[PositionTarget] = []
@@ -198,7 +201,7 @@ class ArmLink:
             self._foreign.watch(self.layout.rpdos.pdos)
         self.found, self.held = secure(self, config, readings)
         facts, self.layout = prepare_all(
-            self._master, config, self.layout, told, readings, deadline
+            self._master, config, self.layout, told, self.lowered, readings, deadline
         )
         self.axes = [Axis(name, joint, facts[name]) for name, joint in config.joints.items()]
         for axis in self.axes:

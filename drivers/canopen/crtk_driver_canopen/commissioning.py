@@ -33,6 +33,7 @@ from crtk_driver_canopen.lacking import (
     note_missing,
 )
 from crtk_driver_canopen.layout import FEEDBACK, CobIds, Layout, plan
+from crtk_driver_canopen.lowered_limits import LoweredLimits
 from crtk_driver_canopen.master import Master
 from crtk_driver_canopen.modes import MODES, OpMode, Way, mode_text, supported
 from crtk_driver_canopen.objects import OBJECTS, Entry, ObjectType
@@ -111,6 +112,7 @@ def prepare(
     config: CanopenConfig,
     layout: Layout,
     nodes: Iterable[int] | None = None,
+    lowered: LoweredLimits | None = None,
     readings: Readings | None = None,
 ) -> dict[str, Prepared]:
     """Make drives ready; they must be pre-operational.
@@ -118,6 +120,7 @@ def prepare(
     Args:
         master: of the open bus.
         nodes: only these; all of the configuration if None.
+        lowered: takes note of the limits of speed that the drives held before, if not None.
         readings: what has been read of them just before; nothing if None.
 
     Returns:
@@ -133,9 +136,10 @@ def prepare(
     """
     prepared: dict[str, Prepared] = {}
     readings = readings or Readings(master)
+    lowered = lowered or LoweredLimits()
     for node in config.nodes if nodes is None else nodes:
         joints = {name: joint for name, joint in config.joints.items() if joint.node == node}
-        prepared |= _node(master, readings, config, layout, node, joints)
+        prepared |= _node(master, readings, lowered, config, layout, node, joints)
     return {name: prepared[name] for name in config.joints if name in prepared}
 
 
@@ -144,6 +148,7 @@ def prepare_all(
     config: CanopenConfig,
     layout: Layout,
     told: CobIds | None,
+    lowered: LoweredLimits,
     readings: Readings,
     deadline: float,
 ) -> tuple[dict[str, Prepared], Layout]:
@@ -153,6 +158,7 @@ def prepare_all(
         master: of the open bus.
         layout: PDOs with all feedback.
         told: COB-IDs that the drives have, where they count.
+        lowered: takes note of the limits of speed that the drives held before.
         readings: what has been read of them just before.
         deadline: monotonic seconds.
 
@@ -175,7 +181,7 @@ def prepare_all(
                 remedy="Raise open_timeout.",
             )
         try:
-            facts |= prepare(master, config, layout, [node], readings)
+            facts |= prepare(master, config, layout, [node], lowered, readings)
         except NotMapped as error:
             lacks.add((node, error.entry))
             less = plan(config, told, lacks)
@@ -190,6 +196,7 @@ def prepare_all(
 def _node(
     master: Master,
     readings: Readings,
+    lowered: LoweredLimits,
     config: CanopenConfig,
     layout: Layout,
     node: int,
@@ -225,7 +232,7 @@ def _node(
         master.profiles[node] = profile
         axis = readings.sdo(node, joint.axis)
         note_missing(axis, _unmeasured(config, layout, joint), notes)
-        made[name] = _axis(axis, config, name, joint, identity, profile, notes)
+        made[name] = _axis(axis, config, name, joint, identity, profile, lowered, notes)
     _map(sdo, layout, node)
 
     def set_deadlines() -> None:
@@ -270,6 +277,7 @@ def _axis(
     joint: JointConfig,
     identity: Identity,
     profile: DriveProfile,
+    lowered: LoweredLimits,
     notes: list[str],
 ) -> Prepared:
     modes = _modes(sdo, name, joint, profile)
@@ -298,7 +306,7 @@ def _axis(
         raise _effort_needed(name, joint, drive)
     position = sdo.read(OBJECTS["position_actual"])
     limits: PositionLimits | None = None
-    write_speed_limits(sdo, joint, units, drive, notes)
+    write_speed_limits(sdo, joint, units, drive, lowered, notes)
     if joint.homing is None or not joint.homing.required:
         # Before homing nobody knows where the range is.
         limits = position_limits(joint, units).widened(position)

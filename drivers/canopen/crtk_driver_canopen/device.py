@@ -125,10 +125,19 @@ class CanopenDevice(Device):
 
     @override
     def close(self) -> None:
-        """Drives that have power are brought to rest, and left as `on_close` says."""
+        """Drives that have power are brought to rest, and left as `on_close` says.
+
+        Those without power get back the limits of speed that they held before.
+        """
         try:
-            if self.link.is_live and any(axis.is_powered for axis in self.axes):
-                self._leave()
+            if self.link.is_live:
+                if any(axis.is_powered for axis in self.axes):
+                    self._leave()
+                powered = {axis.config.node for axis in self.axes if axis.is_powered}
+                silent = set(self._troubles.missing(time.monotonic()))
+                without = set(self._config.nodes) - powered - silent
+                if not self.link.jobs.running:
+                    self.link.lowered.give_back(self.link.master, without)
         except ConnectionLost as error:
             logger.warning(
                 "%s: the drives are left to stop by themselves: %s", self.link.where, error

@@ -61,9 +61,9 @@ def check_plausible(
                 doubt.text,
                 where=f"joints.{name}",
                 remedy=f"Compare with the drive's manual, and give the unit: {keys_text(doubt.quantity)}; or "
-                "correct the gear, or the limit. What an earlier configuration wrote, a drive holds until "
-                "it is switched off. If all of this is right, as with a limit that is meant to be so low: "
-                "`plausibility: note`.",
+                "correct the gear, or the limit. A program that was killed leaves its limits of speed in a "
+                "drive until that is switched off. If all of this is right, as with a limit that is meant to "
+                "be so low: `plausibility: note`.",
             )
         yield f"{doubt.text}; if that is not so: {keys_text(doubt.quantity)}"
 

@@ -97,7 +97,10 @@ class Renewal:
         for node in nodes:
             link.master.command(NmtCommand.PRE_OPERATIONAL, node)
         link.jobs.start(
-            {node: partial(prepare, link.master, config, link.layout, [node]) for node in nodes}
+            {
+                node: partial(prepare, link.master, config, link.layout, [node], link.lowered)
+                for node in nodes
+            }
         )
         yield from link.jobs.until_over()
         if link.jobs.errors:

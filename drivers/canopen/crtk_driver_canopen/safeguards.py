@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from crtk_driver_canopen.lowered_limits import LoweredLimits
 from crtk_driver_canopen.objects import OBJECTS, parse_object
 from crtk_driver_canopen.rate_units import motor_turns
 from crtk_driver_canopen.sdo import WRITE_ONLY, ObjectIgnored, Sdo, SdoAborted
@@ -173,9 +174,17 @@ def write_position_limits(
 
 
 def write_speed_limits(
-    sdo: Sdo, joint: JointConfig, units: JointUnits, drive: UnitObjects, notes: list[str]
+    sdo: Sdo,
+    joint: JointConfig,
+    units: JointUnits,
+    drive: UnitObjects,
+    lowered: LoweredLimits,
+    notes: list[str],
 ) -> None:
     """Lower a drive's limits of speed (607F, and 6080 in turns of the motor a minute) to that of the joint.
+
+    Args:
+        lowered: takes note of what the drive held before.
 
     Raises:
         SdoSilent, ProtocolError, BusLost: it does not answer as it should.
@@ -191,7 +200,8 @@ def write_speed_limits(
             continue
         wanted = min(max(1, math.ceil(HEADROOM * needed)), _U32)
         if not found or found > wanted:
-            _noted(notes, partial(sdo.ensure, entry, wanted))
+            if _noted(notes, partial(sdo.ensure, entry, wanted)):
+                lowered.note(joint.node, entry.on_axis(sdo.axis), found, wanted)
         elif found < needed:
             own = f"{entry.on_axis(sdo.axis)} is {found}"
             notes.append(f"{own}: less than the joint's velocity needs ({needed:.0f})")
