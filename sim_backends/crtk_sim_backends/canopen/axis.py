@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Final
 
 from crtk_sim_backends.canopen.aborts import Abort, SdoAbort
@@ -97,12 +98,13 @@ class Axis:
         self._emergency = emergency
         self._values = dictionary.values
         objects = dictionary.objects
-        self.units = Units(
-            self.value,
-            0x6092 + self._offset in objects,
-            make.habits,
-            0x60AA + self._offset in objects,
+        self._units = partial(
+            Units,
+            has_feed=0x6092 + self._offset in objects,
+            habits=make.habits,
+            tells_acceleration=0x60AA + self._offset in objects,
         )
+        self.units = self._units(self.value)
         self._controller = Controller(self.value, self.units, motor, self.switch, make.torque_unit)
         self.machine = Machine(self.value, self._permitted)
         self.setpoint = Setpoint()
@@ -137,17 +139,18 @@ class Axis:
         od, offset = self._dictionary, self._offset
         for index in SCALING:
             od.written[index + offset] = lambda _: self._rescale()
+            od.checks[index + offset] = partial(self._check_scale, index)
         for index in PARAMETERS:
             od.written[index + offset] = lambda _: self._controller.update()
         for index in _TARGETS:
             od.written[index + offset] = self._note_target
         od.written[0x6040 + offset] = self._note_controlword
         od.guards[0x6040 + offset] = self._guard_controlword
-        od.guards[0x6060 + offset] = lambda _, mode: _require(mode in self._modes)
-        od.guards[0x6098 + offset] = lambda _, method: _require(
+        od.checks[0x6060 + offset] = lambda _, mode: _require(mode in self._modes)
+        od.checks[0x6098 + offset] = lambda _, method: _require(
             method in METHODS or self._stand_ins is not None
         )
-        od.guards[0x607D + offset] = self._guard_limits
+        od.checks[0x607D + offset] = self._check_limits
         if self._make.tells_modes is not None:
             told = self._make.tells_modes
             od.live[0x6502 + offset, 0] = lambda: told
@@ -178,7 +181,10 @@ class Axis:
     def value(self, index: int, sub: int = 0) -> int:
         """Value of an object of the axis, of those that are not computed when read."""
         key = index + self._offset, sub
-        value: int = self._values[key]  # type: ignore[assignment]
+        return self._worked_with(key, self._values[key])  # type: ignore[arg-type]
+
+    def _worked_with(self, key: Key, value: int) -> int:
+        """What the machine works with where an object holds a value."""
         if self._stand_ins and (other := self._stand_ins.get(key)) is not None:
             return value if other.low <= value <= other.high else other.value
         return value
@@ -196,7 +202,9 @@ class Axis:
         ramp = self.units.ramp_time
         if ramp is None or index not in _RAMP_SPEEDS:
             return self.value(index) / self.units.acceleration
-        return self.speed(*_RAMP_SPEEDS[index]) / (self.value(index) * ramp)
+        # To no speed at all a ramp would have no acceleration: then it is that to one unit.
+        speed = self.speed(*_RAMP_SPEEDS[index]) or 1.0 / self.units.velocity
+        return speed / (self.value(index) * ramp)
 
     @property
     def period(self) -> float:
@@ -216,10 +224,24 @@ class Axis:
         if self.local:
             raise SdoAbort(Abort.LOCAL_CONTROL)
 
-    def _guard_limits(self, sub: int, value: int) -> None:
+    def _check_limits(self, sub: int, value: int) -> None:
         low, high = (value if sub == n else self.value(0x607D, n) for n in (1, 2))
         if low > high:
             raise SdoAbort(Abort.MAX_BELOW_MIN)
+
+    def _check_scale(self, index: int, sub: int, value: int) -> None:
+        """Refuse a value with which nothing could be counted any more."""
+        key = index + self._offset, sub
+        wanted = self._worked_with(key, value)
+
+        def tried(other: int, part: int = 0) -> int:
+            return wanted if (other, part) == (index, sub) else self.value(other, part)
+
+        try:
+            sane = self._units(tried).sane
+        except ArithmeticError:
+            sane = False
+        _require(sane)
 
     def _count_pulses(self) -> None:
         assert self._make.pulses is not None

@@ -109,6 +109,7 @@ class ObjectDictionary:
     """The values of a node, and the rules by which others reach them.
 
     `read` and `write` are the way in from the bus: they check, and raise :class:`SdoAbort`.
+    `force` is that of a test: past access rights and states, but with values of use to the device.
     `[key]` is the way in from the inside of the device: no rule applies.
 
     Args:
@@ -131,7 +132,10 @@ class ObjectDictionary:
         self.values: dict[Key, Value] = {}
         self.stored: dict[Key, Value] = {}  # by 1010, over the defaults
         self.live: dict[Key, Callable[[], Value]] = {}  # values that are computed when read
-        self.guards: dict[int, Callable[[int, int], None]] = {}  # (sub, value) before a write
+        self.guards: dict[int, Callable[[int, int], None]] = {}  # (sub, value): permitted now
+        self.checks: dict[
+            int, Callable[[int, int], None]
+        ] = {}  # (sub, value): of use to the device
         self.claims: dict[Key, bytes] = {}  # fault: what these read as, whatever they hold
         self.ignored: set[int] = set()  # fault: writes to these are accepted and have no effect
         self.written: dict[int, Callable[[int], None]] = {}  # (sub) after a write
@@ -228,11 +232,34 @@ class ObjectDictionary:
         """
         self.writer((index, sub))(value)
 
+    def range_of(self, key: Key) -> tuple[int, int]:
+        """Least and greatest value that an entry may have."""
+        return self._ranges[key]
+
+    def force(self, index: int, sub: int, value: int) -> None:
+        """Write a number whatever its access, and whatever the device does.
+
+        Raises:
+            SdoAbort: there is no such entry, or it can have no such value; nothing has changed.
+        """
+        self.variable(index, sub)
+        key, (low, high) = (index, sub), self._ranges[index, sub]
+        if value > high:
+            raise SdoAbort(Abort.VALUE_HIGH)
+        if value < low:
+            raise SdoAbort(Abort.VALUE_LOW)
+        if check := self.checks.get(index):
+            check(sub, value)
+        self.values[key] = value
+        if written := self.written.get(index):
+            written(sub)
+
     def writer(self, key: Key) -> Callable[[int], None]:
         """Make what writes a number as `store` does, for those who write it again and again."""
         index, sub = key
         low, high = self._ranges[key]
         guard, written = self.guards.get(index), self.written.get(index)
+        check = self.checks.get(index)
         values, ignored = self.values, self.ignored
 
         def write(value: int) -> None:
@@ -242,6 +269,8 @@ class ObjectDictionary:
                 raise SdoAbort(Abort.VALUE_LOW)
             if guard is not None:
                 guard(sub, value)
+            if check is not None:
+                check(sub, value)
             if index in ignored:
                 return
             values[key] = value

@@ -12,6 +12,7 @@ from crtk_sim_backends.can import frames
 from crtk_sim_backends.can.hub import Hub
 from crtk_sim_backends.can.port import DEAF, State
 from crtk_sim_backends.canopen import injection
+from crtk_sim_backends.canopen.aborts import SdoAbort
 from crtk_sim_backends.canopen.drive import Drive, DriveConfig, Frame, eds_of
 from crtk_sim_backends.canopen.nmt import INITIALISING, OPERATIONAL
 from crtk_sim_backends.control import Handlers
@@ -227,14 +228,25 @@ class BusDrives:
     # Requests on the control socket
 
     def _object(self, node: int, index: int, sub: int = 0, value: int | None = None) -> int:
-        """Read a number of a drive past the bus, or write one past every rule."""
+        """Read a number of a drive past the bus, or write one past access rights and states.
+
+        Raises:
+            ValueError: there is no such number, or the drive can do nothing with the value.
+        """
         dictionary = self._drive(node).dictionary
         if not dictionary.variable(index, sub).type.size:
             raise ValueError(f"object {index:04X}:{sub} is no number")
         if value is not None:
-            dictionary[index, sub] = value
-            if written := dictionary.written.get(index):
-                written(sub)
+            if not isinstance(value, int):
+                raise ValueError(f"object {index:04X}:{sub} is a whole number, not {value!r}")
+            try:
+                dictionary.force(index, sub, value)
+            except SdoAbort as refusal:
+                low, high = dictionary.range_of((index, sub))
+                raise ValueError(
+                    f"object {index:04X}:{sub} cannot be {value}: it is {low} to {high}, and what the drive "
+                    f"can work with ({refusal})"
+                ) from refusal
         return dictionary[index, sub]
 
     def _eds(self, node: int) -> str:

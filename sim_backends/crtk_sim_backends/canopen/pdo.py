@@ -88,6 +88,7 @@ class ProcessData:
             for index in self._indices(base):
                 dictionary.guards[index] = self._guard_parameter(index)
                 dictionary.guards[index + MAPPING] = self._guard_mapping(index)
+                dictionary.checks[index + MAPPING] = self._mapping_check(index)
                 dictionary.written[index] = lambda sub: self.rebuild()
                 dictionary.written[index + MAPPING] = lambda sub: self.rebuild()
         dictionary.guards[0x1005] = self._guard_sync
@@ -131,19 +132,28 @@ class ProcessData:
                 raise SdoAbort(Abort.DEVICE_STATE)
             if self._exists(index) or (sub and self._dictionary[mapping, 0]):
                 raise SdoAbort(Abort.UNSUPPORTED_ACCESS)
-            if sub:
-                if value:
-                    self._check_mapped(value, index)
-                return
-            if value and value not in self._dictionary.objects[mapping].entries:
+
+        return guard
+
+    def _mapping_check(self, index: int) -> Callable[[int, int], None]:
+        mapping = index + MAPPING
+
+        def check(sub: int, value: int) -> None:
+            count = self._dictionary[mapping, 0] if sub else value
+            if count and count not in self._dictionary.objects[mapping].entries:
                 raise SdoAbort(Abort.PDO_LENGTH)
-            entries = [self._dictionary[mapping, entry] for entry in range(1, value + 1)]
+            if sub > count and value:
+                self._check_mapped(value, index)
+            entries = [
+                value if entry == sub else self._dictionary[mapping, entry]
+                for entry in range(1, count + 1)
+            ]
             for entry in entries:
                 self._check_mapped(entry, index)
             if sum(entry & 0xFF for entry in entries) > LONGEST:
                 raise SdoAbort(Abort.PDO_LENGTH)
 
-        return guard
+        return check
 
     def _check_mapped(self, entry: int, index: int) -> None:
         target, sub, bits = entry >> 16, entry >> 8 & 0xFF, entry & 0xFF

@@ -25,6 +25,8 @@ _OF_A_TURN: Final = {
 _SECONDS: Final = {0x03: 1.0, 0x47: 60.0, 0x48: 3600.0}  # by denominator
 _SECONDS_SQUARED: Final = 0x57
 
+_LEAST: Final = 1e-20  # of a scale; its inverse is the greatest one
+
 _REVERSED: Final = 0x80  # bit of the polarity 607E: positions are multiplied by -1
 
 
@@ -119,6 +121,18 @@ class Units:
         if not self._tells_acceleration:
             return velocity
         return acceleration_factor(self._value(0x60AA, 0), units) or 1.0
+
+    @property
+    def sane(self) -> bool:
+        """Whether positions and rates can be told by these units: none is 0, or beyond all numbers."""
+        scales = (
+            self.per_revolution,
+            self.increments,
+            self.velocity,
+            self.shown,
+            self.acceleration,
+        )
+        return all(_LEAST < abs(scale) < 1.0 / _LEAST for scale in scales)
 
     def _ratio(self, index: int) -> float:
         return self._value(index, 1) / self._value(index, 2)
