@@ -6,7 +6,8 @@ import math
 from typing import Final
 
 from crtk_driver_canopen.braking import braking_time
-from crtk_driver_canopen.config import CanopenConfig, JointConfig
+from crtk_driver_canopen.config import CanopenConfig
+from crtk_driver_canopen.joint_config import JointConfig
 from crtk_driver_canopen.modes import Way
 from crtk_driver_canopen.motion import STREAMED
 from crtk_drivers.device import Capabilities, Following, JointLimits, StopPolicy

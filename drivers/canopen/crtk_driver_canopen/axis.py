@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from crtk_driver_canopen.commissioning import Prepared
-from crtk_driver_canopen.config import JointConfig
 from crtk_driver_canopen.homing import Homing
+from crtk_driver_canopen.joint_config import JointConfig
 from crtk_driver_canopen.modes import WAYS, ModeBits, ModeChange, OpMode, SetpointHandshake, Way
 from crtk_driver_canopen.safeguards import PositionLimits, position_limits, write_position_limits
 from crtk_driver_canopen.sdo import Sdo

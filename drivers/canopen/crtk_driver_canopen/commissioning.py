@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
-from crtk_driver_canopen.config import MODE_NAMES, CanopenConfig, HomingConfig, JointConfig
+from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.drive_profile import (
     PLAIN,
     DriveProfile,
@@ -25,6 +25,7 @@ from crtk_driver_canopen.drive_profile import (
 )
 from crtk_driver_canopen.heartbeat import NodeLife, ensure_abort_option, ensure_heartbeat
 from crtk_driver_canopen.identity import Identity, check_identity, read_identity
+from crtk_driver_canopen.joint_config import MODE_NAMES, HomingConfig, JointConfig
 from crtk_driver_canopen.lacking import (
     check_changes,
     ensure_mode,

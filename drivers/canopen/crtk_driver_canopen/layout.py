@@ -9,7 +9,8 @@ from types import MappingProxyType
 from typing import Final
 
 from crtk_driver_canopen.busload import BusLoad, check_load, cycle_load
-from crtk_driver_canopen.config import CanopenConfig, JointConfig
+from crtk_driver_canopen.config import CanopenConfig
+from crtk_driver_canopen.joint_config import JointConfig
 from crtk_driver_canopen.modes import TARGETS
 from crtk_driver_canopen.objects import OBJECTS, Entry
 from crtk_driver_canopen.pdo import Direction, Pdo, PdoGroup, check_cob_ids, default_cob_id

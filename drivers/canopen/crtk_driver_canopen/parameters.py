@@ -6,8 +6,8 @@ import logging
 from typing import Final
 
 from crtk_driver_canopen import eds
-from crtk_driver_canopen.config import JointConfig
 from crtk_driver_canopen.eds import DataSheet
+from crtk_driver_canopen.joint_config import JointConfig
 from crtk_driver_canopen.objects import (
     OBJECTS,
     Entry,

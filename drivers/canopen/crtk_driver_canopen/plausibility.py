@@ -21,7 +21,7 @@ from crtk_driver_canopen.units import JointUnits, UnitObjects
 from crtk_drivers.errors import ConfigError
 
 if TYPE_CHECKING:
-    from crtk_driver_canopen.config import JointConfig
+    from crtk_driver_canopen.joint_config import JointConfig
 
 FACTOR: Final = 20.0
 """How many times a value may be off the limit of its joint."""

@@ -20,7 +20,7 @@ from crtk_driver_canopen.units import JointUnits, UnitObjects
 from crtk_drivers.errors import DeviceError
 
 if TYPE_CHECKING:
-    from crtk_driver_canopen.config import JointConfig
+    from crtk_driver_canopen.joint_config import JointConfig
 
 HEADROOM: Final = 1.2
 """A drive's own limit of speed for that of the joint: control loops go a little beyond their setpoint."""

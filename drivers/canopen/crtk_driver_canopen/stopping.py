@@ -28,7 +28,8 @@ from crtk_driver_canopen.units import read_unit_objects, resolve
 from crtk_drivers.errors import ConfigError, CrtkError, DeviceError
 
 if TYPE_CHECKING:
-    from crtk_driver_canopen.config import CanopenConfig, JointConfig
+    from crtk_driver_canopen.config import CanopenConfig
+    from crtk_driver_canopen.joint_config import JointConfig
 
 logger = logging.getLogger(__name__)
 

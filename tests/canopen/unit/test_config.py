@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_canopen.config import CanopenConfig, JointConfig
+from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.drive_profile import DriveProfile
+from crtk_driver_canopen.joint_config import JointConfig
 from crtk_driver_canopen.layout import plan
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.objects import parse_object

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crtk_driver_canopen import eds, emcy, tools
-from crtk_driver_canopen.config import CanopenConfig, JointConfig
+from crtk_driver_canopen.config import CanopenConfig
 from crtk_driver_canopen.drive_profile import (
     PLAIN,
     DriveProfile,
@@ -21,6 +21,7 @@ from crtk_driver_canopen.drive_profile import (
 )
 from crtk_driver_canopen.eds_profile import first_profile, hidden_modes, oddities
 from crtk_driver_canopen.identity import Identity
+from crtk_driver_canopen.joint_config import JointConfig
 from crtk_driver_canopen.modes import OpMode
 from crtk_driver_canopen.standard import ROWS, Row
 from crtk_driver_canopen.tools import ProfileOptions
