@@ -58,6 +58,43 @@ Rank = tuple[bool, int, str]
 """Who goes first: the least."""
 
 
+@dataclass(frozen=True, slots=True)
+class Word:
+    """What a driver says of itself.
+
+    Attributes:
+        key: its own, of all drivers.
+        rank: among those of its namespace.
+        driver: with its address.
+        pid, host: of its process.
+        there: it goes on.
+    """
+
+    key: str
+    rank: Rank
+    driver: str
+    pid: str
+    host: str
+    there: bool
+
+    @property
+    def name(self) -> str:
+        """Return how it is called in a sentence."""
+        return f"{self.driver} (process {self.pid} on {self.host})"
+
+
+def read_word(text: str) -> Word | None:
+    """Return what a message on ``drivers`` says; None if it is not of a driver: anybody may send one."""
+    try:
+        told = json.loads(text)
+        key = str(told["id"])
+        rank = (not told["established"], int(told["started"]), key)
+        driver, pid, host = (str(told[name]) for name in ("driver", "pid", "host"))
+        return Word(key, rank, driver, pid, host, bool(told["there"]))
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        return None
+
+
 @dataclass(slots=True)
 class _Other:
     """Another driver, as it told of itself. `heard` is when, in monotonic seconds."""
@@ -139,24 +176,19 @@ class Presence:
     # ----------------------------------------------------------------------------------- receiving
 
     def _receive(self, message: Any) -> None:
-        try:
-            told = json.loads(message.data)
-            key = str(told["id"])
-            name = f"{told['driver']} (process {told['pid']} on {told['host']})"
-            rank = (not told["established"], int(told["started"]), key)
-            there = bool(told["there"])
-        except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        word = read_word(message.data)
+        if word is None:
             logger.debug("%s: not of a driver: %.200s", self._namespace, message.data)
             return
-        if key == self._id:
+        if word.key == self._id:
             return
         with self._lock:
-            known = key in self._others
-            if there:
-                self._others[key] = _Other(rank, name, time.monotonic())
+            known = word.key in self._others
+            if word.there:
+                self._others[word.key] = _Other(word.rank, word.name, time.monotonic())
             else:
-                self._others.pop(key, None)
-        if known is not there:
+                self._others.pop(word.key, None)
+        if known is not word.there:
             self._job.ask()
 
     # ---------------------------------------------------------------------- in the publishing thread
