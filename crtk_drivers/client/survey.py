@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from crtk_drivers.client.discovery import POLL, devices
 from crtk_drivers.client.remote import RemoteDevice
 from crtk_drivers.client.space import NotOffered, Space
+from crtk_drivers.client.told_health import told_of
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.ros import environment
 from crtk_drivers.state import OperatingState, Status
@@ -95,12 +96,10 @@ class _Reports:
     def take(self, message: Any) -> None:
         """Keep what a message on /diagnostics says of devices."""
         with self._arrived:
-            for status in message.status:
-                node, _, thing = status.name.partition(": ")
-                if thing == "device":
-                    values = {value.key: value.value for value in status.values}
-                    report = Report(status.message, values.get("connecting") == str(True))
-                    self._last[node.rpartition("/")[0]] = report
+            for told in told_of(message):
+                if told.thing == "device":
+                    report = Report(told.text, told.values.get("connecting") == str(True))
+                    self._last[told.namespace] = report
             self._arrived.notify_all()
 
     def wait(self, namespace: str) -> Report:

@@ -12,6 +12,7 @@ from typing import Any, Final, Self
 from crtk_drivers.client.discovery import devices
 from crtk_drivers.client.ros_link import Link
 from crtk_drivers.client.survey import DIAGNOSTICS
+from crtk_drivers.client.told_health import told_of
 from crtk_drivers.client.view.newest_values import Sampler
 from crtk_drivers.client.view.watched import WatchedDevice
 from crtk_drivers.errors import ConfigError
@@ -165,13 +166,9 @@ class Watcher:
         return topic if self._link.publishers(topic) else None
 
     def _report(self, message: Any) -> None:
-        for status in message.status:
-            node, colon, thing = status.name.partition(": ")
-            if colon:
-                level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
-                values = {value.key: value.value for value in status.values}
-                told = self._reports.setdefault(node.rpartition("/")[0], {})
-                told[thing] = (thing, status.message, level, values)
+        for told in told_of(message):
+            found = self._reports.setdefault(told.namespace, {})
+            found[told.thing] = (told.thing, told.text, told.level, told.values)
 
 
 @dataclass(frozen=True)
