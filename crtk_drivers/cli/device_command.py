@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import os
 import signal
-import socket
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -34,13 +32,12 @@ from crtk_drivers.cli.typed_options import (
 )
 from crtk_drivers.config import load
 from crtk_drivers.errors import ConfigError, CrtkError
-from crtk_drivers.labs.reports import PULSE_FD, REPORT_FD, Reporter
+from crtk_drivers.labs.reports import Reporter, whoever_started
 from crtk_drivers.plugins import DevicePlugin, RunningSim, Tool
 from crtk_drivers.ros import environment
 from crtk_drivers.ros.names import checked_namespace
 from crtk_drivers.state import Status
 from crtk_drivers.status.health import Health
-from crtk_drivers.status.pulse import Pulse
 from crtk_drivers.status.stop_request import left_at_interrupt
 
 if TYPE_CHECKING:
@@ -226,11 +223,8 @@ def opened(launch: Launch) -> Session:
 
 def _reporter(read: Callable[[], tuple[Status, Health]]) -> Reporter | None:
     """Return what tells a lab how this device is, if it was started by one."""
-    descriptor, end = (os.environ.pop(name, "") for name in (REPORT_FD, PULSE_FD))
-    if not descriptor:
-        return None
-    pulse = Pulse.start(socket.socket(fileno=int(end))) if end else None
-    return Reporter(int(descriptor), read, time.monotonic, pulse)
+    found = whoever_started()
+    return None if found is None else Reporter(found[0], read, time.monotonic, found[1])
 
 
 def what_next(namespace: str, commands: Collection[str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import socket
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -80,6 +81,39 @@ def shortened(text: str) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
 
 
+def whoever_started() -> tuple[int, Pulse | None] | None:
+    """Return the pipe to a lab that started this process, and its pulse; None if none did. Once only."""
+    descriptor, end = (os.environ.pop(name, "") for name in (REPORT_FD, PULSE_FD))
+    if not descriptor:
+        return None
+    return int(descriptor), Pulse.start(socket.socket(fileno=int(end))) if end else None
+
+
+class LinePipe:
+    """Writes lines into a pipe, each as a whole or not at all, and never waits.
+
+    Args:
+        descriptor: of the pipe; it is closed at the end of this process.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        os.set_inheritable(descriptor, False)
+        os.set_blocking(descriptor, False)
+
+    def put(self, line: bytes) -> bool:
+        """Write a line; return False if the reader is busy: the next one will do.
+
+        Raises:
+            BrokenPipeError: nobody reads any more.
+        """
+        try:
+            os.write(self._descriptor, line)
+        except BlockingIOError:
+            return False
+        return True
+
+
 class Reporter:
     """Writes reports. `update` may be called as often as one likes; it never waits.
 
@@ -97,14 +131,12 @@ class Reporter:
         clock: Callable[[], float],
         pulse: Pulse | None = None,
     ) -> None:
-        self._descriptor = descriptor
+        self._pipe = LinePipe(descriptor)
         self._pulse = pulse
         self._read = read
         self._clock = clock
         self._due = 0.0
         self._told = ""
-        os.set_inheritable(descriptor, False)
-        os.set_blocking(descriptor, False)
 
     def update(self) -> bool:
         """Write a report if it is time, or the state is another; return whether somebody still reads."""
@@ -116,9 +148,8 @@ class Reporter:
             return True
         line = json.dumps(asdict(Report.of(status, health))).encode() + b"\n"
         try:
-            os.write(self._descriptor, line)
-        except BlockingIOError:
-            return True  # the reader is busy: the next one will do
+            if not self._pipe.put(line):
+                return True
         except BrokenPipeError:
             return False
         self._due, self._told = now + PERIOD, str(status.state)
