@@ -251,6 +251,7 @@ class Link:
         node: your own; then you spin it, and it is not destroyed here.
         executor: your own; a node is made and added to it, and you spin it.
         ros_args: for the node that is made: ``["--ros-args", "-r", "/a:=/b"]``.
+        domain: of ROS, for the node that is made; None: that of the environment.
 
     Raises:
         ConfigError: the ROS arguments cannot be used.
@@ -263,6 +264,7 @@ class Link:
         node: Node | None = None,
         executor: Executor | None = None,
         ros_args: Sequence[str] = (),
+        domain: int | None = None,
     ) -> None:
         self._lock = threading.RLock()
         self._inboxes: dict[str, Inbox] = {}
@@ -274,7 +276,9 @@ class Link:
         self._stop = threading.Event()
         self._owns_node = node is None
         if node is None:
-            context = executor.context if executor is not None else self._own_context(ros_args)
+            context = (
+                executor.context if executor is not None else self._own_context(ros_args, domain)
+            )
             node = rclpy.create_node(
                 f"{name}_{os.getpid()}_{next(_numbers)}",
                 context=context,
@@ -286,11 +290,14 @@ class Link:
                 executor.add_node(node)
         self.node = node
 
-    def _own_context(self, ros_args: Sequence[str]) -> Context:
+    def _own_context(self, ros_args: Sequence[str], domain: int | None) -> Context:
         context = Context()
         try:
             rclpy.init(
-                args=list(ros_args), context=context, signal_handler_options=SignalHandlerOptions.NO
+                args=list(ros_args),
+                context=context,
+                domain_id=domain,
+                signal_handler_options=SignalHandlerOptions.NO,
             )
         except Exception as error:
             raise environment.not_started(error, ros_args) from error
