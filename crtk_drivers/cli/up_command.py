@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
+from crtk_drivers.cli.lab_between import check_between
 from crtk_drivers.cli.lab_scan import scanned_lab
 from crtk_drivers.cli.lab_view import shown
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
@@ -32,7 +33,7 @@ from crtk_drivers.labs.lab_entries import ALL_MACHINES
 from crtk_drivers.labs.lab_file import require_devices
 from crtk_drivers.labs.libraries import require_libraries
 from crtk_drivers.labs.machines import NoMachineOfLab
-from crtk_drivers.labs.reachable import doubts_between
+from crtk_drivers.labs.reachable import doubts_between, why_closed
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Supervisor
 from crtk_drivers.labs.unit_environment import (
     closed_to_others,
@@ -166,12 +167,21 @@ def _lab_new(
 
 
 @lab_app.command("check", cls=HelpfulCommand)
-def _lab_check(lab: LabFile, sim: SimOption = False, machine: MachineOption = "") -> None:
+def _lab_check(
+    lab: LabFile,
+    sim: SimOption = False,
+    machine: MachineOption = "",
+    no_ros: Annotated[
+        bool,
+        typer.Option("--no-ros", help="Do not look for the devices of other machines."),
+    ] = False,
+) -> None:
     """Check a lab file with the settings of all its devices, and show what would be started.
 
-    Of a lab on several machines the settings of this one's devices are checked.
+    Of a lab on several machines the settings of this one's devices are checked, and what is seen of the
+    others on ROS. Exit code 1: something is wrong between them. 2: the file is wrong.
     """
-    raise typer.Exit(check_lab(lab, sim, machine))
+    raise typer.Exit(check_lab(lab, sim, machine, looks=not no_ros))
 
 
 app.add_typer(lab_app, name="lab")
@@ -338,8 +348,8 @@ def _has_failed(child: Child) -> bool:
     return child.phase is Phase.ENDED and child.code != 0
 
 
-def check_lab(path: Path, sim: bool, machine: str = "") -> int:
-    """Check a lab file, print what would be started, and return 0.
+def check_lab(path: Path, sim: bool, machine: str = "", *, looks: bool = True) -> int:
+    """Check a lab file, print what would be started, and return the exit code.
 
     On a machine that is none of the lab's the settings of all devices are checked, and nothing that is
     installed.
@@ -348,6 +358,10 @@ def check_lab(path: Path, sim: bool, machine: str = "") -> int:
         path: of the file.
         sim: simulate every device.
         machine: which machine of the lab this is; empty: by its host name.
+        looks: look for the devices of other machines on ROS.
+
+    Returns:
+        1 if something is wrong between the machines of the lab, else 0.
 
     Raises:
         ConfigError: with what is wrong, and the line.
@@ -366,12 +380,17 @@ def check_lab(path: Path, sim: bool, machine: str = "") -> int:
     OUT.print(_plan(lab))
     if lab.environment:
         OUT.print(f"\nenvironment: {assignments(lab.environment)}", markup=False, highlight=False)
-    for doubt in doubts_between(lab, merged(os.environ, lab.environment)):
+    variables = merged(os.environ, lab.environment)
+    for doubt in doubts_between(lab, variables):
         OUT.print(Text(f"\n{doubt}", "yellow"), soft_wrap=True)
     OUT.print(f"\n{plain(str(path))} can be used: {checked}, nothing was started")
     if lab.left_out:
         OUT.print(f"To be checked there: {lab.left_out}", markup=False, highlight=False)
-    return 0
+    if not lab.elsewhere:
+        return 0
+    if why_closed(variables):
+        return 1  # they cannot see each other, as was said
+    return check_between(lab) if looks else 0
 
 
 def _plan(lab: Lab) -> Table:

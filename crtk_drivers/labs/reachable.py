@@ -22,7 +22,7 @@ from crtk_drivers.labs.lab_entries import ALL_MACHINES
 from crtk_drivers.labs.lab_file import Lab
 from crtk_drivers.labs.unit_environment import JUDGED_BY_NOBODY
 
-__all__ = ["doubts_between"]
+__all__ = ["doubts_between", "why_closed"]
 
 _OF_A_NETWORK: Final = ("", "SUBNET", "SYSTEM_DEFAULT")
 _WITHOUT_A_RANGE: Final = "rmw_zenoh"
@@ -42,7 +42,7 @@ def doubts_between(lab: Lab, variables: Mapping[str, str]) -> Iterator[str]:
     if len(lab.machines) < 2 or lab.machine == ALL_MACHINES:
         return
     said = as_said(variables)
-    if why := _closed(said):
+    if why := why_closed(said):
         yield f"the machines of this lab cannot see each other: {why}. {REMEDY}"
     if DOMAIN not in lab.settings.environment:
         here = said.get(DOMAIN) or "0"
@@ -52,8 +52,9 @@ def doubts_between(lab: Lab, variables: Mapping[str, str]) -> Iterator[str]:
         )
 
 
-def _closed(said: Mapping[str, str]) -> str:
-    """Return why processes meet nobody on other machines; empty if they may."""
+def why_closed(variables: Mapping[str, str]) -> str:
+    """Return why processes with these variables meet nobody on other machines; empty if they may."""
+    said = as_said(variables)
     if said.get(RMW, "").startswith(_WITHOUT_A_RANGE):
         return ""
     if any(said.get(name) for name in JUDGED_BY_NOBODY):

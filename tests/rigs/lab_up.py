@@ -32,12 +32,16 @@ class Up:
         """Wait until a line that matches was logged so often; return the number in its last group."""
         deadline = time.monotonic() + LONG
         while True:
-            found = [match for line in list(self.lines) if (match := re.search(text, line))]
+            found = self.matching(text)
             if len(found) >= count:
                 return int(found[-1][1]) if found[-1].groups() else 0
             assert self.process.poll() is None, f"it has ended: {self.lines}"
             assert time.monotonic() < deadline, f"never: {text}: {self.lines}"
             time.sleep(0.02)
+
+    def matching(self, text: str) -> list[re.Match[str]]:
+        """Return what has matched in the lines so far."""
+        return [match for line in list(self.lines) if (match := re.search(text, line))]
 
     def end(self) -> int:
         """Send SIGINT, and return the exit code."""

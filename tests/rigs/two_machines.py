@@ -11,12 +11,14 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Final
 
 import pytest
 
 from crtk_drivers.config.variables import RANGE, merged
 from crtk_drivers.labs.reports import PULSE_FD, REPORT_FD
+from rigs.lab_up import Up
 from rigs.programs import COMMAND
 from rigs.shifted_clock import shifted
 from rigs.waiting import LONG
@@ -28,7 +30,7 @@ _IS_UP: Final = "is up"
 
 
 class Machine:
-    """One of them. `run` and `device` start programs on it.
+    """One of them. `up`, `device` and `run` start programs on it.
 
     Args:
         name: host name.
@@ -62,16 +64,31 @@ class Machine:
 
     @contextmanager
     def device(self, namespace: str, shift: float = 0.0, **variables: str) -> Iterator[None]:
-        """Run a loopback device there; see `environment`."""
+        """Run a loopback device there, and wait until it is on ROS; see `environment`."""
         process = subprocess.Popen(
             self.python(COMMAND, "loopback", "--ns", namespace),
             env=self.environment(shift, **variables),
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         with process:
             try:
+                Up(process).until(f"{namespace}  DISABLED")
                 yield
+            finally:
+                process.kill()
+
+    @contextmanager
+    def up(self, lab: Path) -> Iterator[Up]:
+        """Run `crtk-driver up` there."""
+        words = ("up", str(lab), "--logs", str(lab.parent))
+        process = subprocess.Popen(
+            self.python(COMMAND, *words), env=self.environment(), stderr=subprocess.PIPE, text=True
+        )
+        with process:
+            try:
+                yield Up(process)
             finally:
                 process.kill()
 
