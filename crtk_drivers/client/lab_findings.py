@@ -80,8 +80,9 @@ def clock_words(looked: Looked) -> str:
     offset, uncertainty = looked.seen.offset, looked.seen.uncertainty
     if offset is None or uncertainty is None:
         return ""
-    value = f"{offset * 1e3:+.1f} ms" if abs(offset) < 1.0 else f"{offset:+.1f} s"
-    return f"{value} (± {uncertainty * 1e3:.1f} ms)"
+    number, unit = (offset * 1e3, "ms") if abs(offset) < 1.0 else (offset, "s")
+    rounded = round(number, 1) + 0.0  # no -0.0
+    return f"{rounded:+.1f} {unit} (± {uncertainty * 1e3:.1f} ms)"
 
 
 def _wrong_places(name: str, space: str, machine: str, looked: Looked) -> Iterator[Finding]:
@@ -130,8 +131,8 @@ def _wrong_clocks(lab: Lab, view: View) -> Iterator[Finding]:
             yield Finding(
                 f"the clock of {host} is off by {clock_words(looked)}; stamps of two machines are not "
                 f"compared past {LARGEST_OFFSET * 1e3:g} ms",
-                "Let chrony or PTP (ptp4l, phc2sys) set both clocks by one source. A driver that runs while "
-                "its clock is set back keeps its stamps until the clock has caught up: start it again.",
+                "Let chrony or PTP (ptp4l, phc2sys) set both clocks by one source, then start the drivers on "
+                f"{host} again.",
             )
 
 
