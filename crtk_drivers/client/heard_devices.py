@@ -104,7 +104,7 @@ class HeardDevice:
             is_busy=status is not None and status.is_busy,
             is_homed=status is not None and status.is_homed,
             measures=_measures(told.get("bus")),
-            host=printable(drivers[0].host, keeping="") if drivers else "",
+            host=drivers[0].host if drivers else "",
         )
 
 

@@ -32,6 +32,7 @@ from std_msgs.msg import String
 from crtk_drivers.device import Note, Severity
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.errors.wording import printable
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.names import AMONG_DRIVERS, ANOTHER_DRIVER
 from crtk_drivers.ros.publishing import PublishingThread
@@ -89,7 +90,9 @@ def read_word(text: str) -> Word | None:
         told = json.loads(text)
         key = str(told["id"])
         rank = (not told["established"], int(told["started"]), key)
-        driver, pid, host = (str(told[name]) for name in ("driver", "pid", "host"))
+        driver, pid, host = (
+            printable(str(told[name]), keeping="") for name in ("driver", "pid", "host")
+        )
         return Word(key, rank, driver, pid, host, bool(told["there"]))
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
         return None

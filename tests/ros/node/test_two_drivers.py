@@ -110,10 +110,20 @@ def test_one_that_is_told_to_serves_beside_the_first(rig: Rig) -> None:
         eventually(lambda: rig.session.engine.status.state == "ENABLED", "the first obeys")
 
 
-def said(rig: Rig, **values: Any) -> String:
+def said_text(**values: Any) -> str:
     """What a driver says that started long before this one."""
     content = {"id": "other", "driver": "other", "host": "lab", "pid": 1, "started": 0}
-    return String(data=json.dumps({**content, "established": False, "there": True, **values}))
+    return json.dumps({**content, "established": False, "there": True, **values})
+
+
+def said(rig: Rig, **values: Any) -> String:
+    return String(data=said_text(**values))
+
+
+def test_a_name_with_control_characters_is_cleaned() -> None:
+    word = presence.read_word(said_text(host="lab\x1b[2J", driver="ur\n"))
+    assert word is not None
+    assert word.name == "ur (process 1 on lab[2J)"
 
 
 @pytest.fixture
