@@ -279,11 +279,16 @@ class StatusTracker:
         """Whether a status was heard."""
         return self._latest is not None
 
+    @property
+    def silence(self) -> float:
+        """Seconds since a status arrived."""
+        return time.monotonic() - self._heard
+
     def lost(self) -> str:
         """Return why the device counts as gone; empty if it does not."""
         if self._inbox is not None and not self._inbox.connected:
             return f"nobody publishes {self._topic} any more"
-        silent = time.monotonic() - self._heard
+        silent = self.silence
         if self._heartbeat and silent > SILENCE:
             return f"{self._topic} has been silent for {silent:.1f} s"
         return ""

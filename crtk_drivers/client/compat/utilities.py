@@ -251,7 +251,7 @@ class Utils:
         )
         ral.track(tracker.subscribe()[0])
         setattr(self._instance, _TRACKER, tracker)
-        for name, method in _StateMethods(tracker, commands, self._answer).table().items():
+        for name, method in _StateMethods(tracker, commands, ral, self._answer).table().items():
             setattr(self._instance, name, method)
 
     def add_state_command(self) -> None:
@@ -301,10 +301,12 @@ class _StateMethods:
         self,
         tracker: StatusTracker,
         commands: Outbox,
+        ral: Ral,
         answer: Callable[[Any, float, Any], Any],
     ) -> None:
         self._tracker = tracker
         self._commands = commands
+        self._ral = ral
         self._answer = answer
 
     def table(self) -> dict[str, Callable[..., Any]]:
@@ -344,18 +346,21 @@ class _StateMethods:
         return [homed, self._stamp()] if extra else homed
 
     def is_busy(self, start_time: Any = None, extra: Any = None) -> Any:
-        """Return whether it is busy; True as long as nothing newer than `start_time` was heard."""
-        stamp = self._stamp()
-        after = 0.0 if start_time is None else start_time.nanoseconds / 1e9
-        busy = self._tracker.latest.is_busy if stamp > after else True
-        return [busy, stamp] if extra else busy
+        """Return whether it is busy; True as long as nothing was heard since `start_time`."""
+        busy = self._tracker.latest.is_busy if self._heard_since(start_time) else True
+        return [busy, self._stamp()] if extra else busy
 
     def wait_for_busy(
         self, is_busy: bool = False, start_time: Any = None, timeout: float = 30.0
     ) -> bool:
         """Wait until it is busy, or has been since `start_time` (default now) and is no more."""
         watch = self._tracker.watch()
-        seen = start_time is not None and not is_busy and self._idle_since(start_time)
+        seen = (
+            start_time is not None
+            and not is_busy
+            and self._heard_since(start_time)
+            and not self._tracker.latest.is_busy
+        )
         end = time.monotonic() + timeout
         try:
             while not seen:
@@ -367,8 +372,15 @@ class _StateMethods:
         finally:
             self._tracker.unwatch(watch)
 
-    def _idle_since(self, start_time: Any) -> bool:
-        return self._stamp() > start_time.nanoseconds / 1e9 and not self._tracker.latest.is_busy
+    def _heard_since(self, start_time: Any) -> bool:
+        """Whether a status has arrived since a time by the clock of this program, or ever if it is None.
+
+        Not by the stamp of the status: that is of the device's machine, whose clock may be another one.
+        """
+        if start_time is None:
+            return self._tracker.has_status
+        passed: float = (self._ral.now().nanoseconds - start_time.nanoseconds) / 1e9
+        return self._tracker.silence < passed
 
     def wait_for_operating_state(self, expected_state: str, timeout: float) -> bool:
         """Wait until the state is as asked; return whether it was in time."""

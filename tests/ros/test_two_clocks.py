@@ -1,0 +1,106 @@
+"""A client on a machine whose clock disagrees with the driver's: whole processes, over DDS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from crtk_drivers.samples import JointState
+from rigs.loopback_client import Far, far_device
+from rigs.system_clock import OFFSETS, library_in, told_by
+
+COMMANDS = """
+import json, sys, time
+from crtk_drivers.client import connect
+
+found = {"clock": time.time()}
+with connect(sys.argv[1], timeout=60.0) as arm:
+    arm.enable(timeout=60.0)
+    found["enabled"] = str(arm.operating_state().state)
+    goal = arm.measured_jp(wait=60.0) + 0.05
+    found["moved"] = arm.move_jp(goal).wait(60.0)
+    found["at"] = arm.measured_jp(wait=60.0).tolist()
+    found["goal"] = goal.tolist()
+    for step in range(50):
+        arm.servo_jp(goal)
+        time.sleep(0.01)
+    arm.hold()
+    arm.state_command("pause", timeout=60.0)
+    arm.state_command("resume", timeout=60.0)
+    arm.disable(timeout=60.0)
+    found["disabled"] = str(arm.operating_state().state)
+print(json.dumps(found))
+"""
+
+
+IN_THE_OLD_STYLE = """
+import json, sys, time
+import numpy
+import crtk_drivers.client.compat as crtk
+
+class Arm:
+    def __init__(self, ral):
+        self.utils = crtk.utils(self, ral)
+        self.utils.add_operating_state()
+        self.utils.add_measured_js()
+        self.utils.add_move_jp()
+        ral.check_connections(60.0)
+        ral.spin()
+
+ral = crtk.ral("old_style", sys.argv[1].strip("/"))
+arm = Arm(ral)
+found = {"enabled": arm.enable(60.0)}
+sent = ral.now()
+found["before anything is heard"] = arm.is_busy(start_time=sent)
+arm.move_jp(arm.measured_jp(wait=60.0) + 0.05)
+found["begins"] = arm.wait_for_busy(is_busy=True, start_time=sent, timeout=60.0)
+found["ends"] = arm.wait_for_busy(start_time=sent, timeout=60.0)
+found["after its end"] = arm.is_busy(start_time=sent)
+found["disabled"] = arm.disable(60.0)
+ral.shutdown()
+print(json.dumps(found))
+"""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return library_in(tmp_path_factory.mktemp("clock"))
+
+
+@pytest.fixture(scope="module")
+def far() -> Iterator[Far]:
+    with far_device("/two_clocks") as far:
+        yield far
+
+
+@pytest.mark.parametrize("seconds", OFFSETS)
+def test_a_client_with_another_clock_commands(far: Far, library: Path, seconds: float) -> None:
+    far.reset()
+    begun = far.engine.health()
+    found = told_by(library, seconds, COMMANDS, far.namespace)
+    assert found["clock"] - time.time() == pytest.approx(seconds, abs=60.0), "the rig shifts"
+    assert (found["enabled"], found["disabled"]) == ("ENABLED", "DISABLED")
+    assert found["moved"] is True
+    assert found["at"] == pytest.approx(found["goal"], abs=1e-3)
+    measured = far.engine.feedback("measured_js")
+    assert measured is not None
+    assert isinstance(measured[0], JointState)
+    assert np.allclose(measured[0].position, found["goal"], atol=1e-3)
+    assert far.engine.health().refusals == begun.refusals, "nothing was refused"
+
+
+@pytest.mark.parametrize("seconds", OFFSETS)
+def test_busy_since_a_time_needs_no_common_clock(far: Far, library: Path, seconds: float) -> None:
+    far.reset()
+    assert told_by(library, seconds, IN_THE_OLD_STYLE, far.namespace) == {
+        "enabled": True,
+        "before anything is heard": True,
+        "begins": True,
+        "ends": True,
+        "after its end": False,
+        "disabled": True,
+    }
