@@ -23,6 +23,7 @@ from std_srvs.srv import Trigger
 from crtk_drivers.commands import Direction, Payload
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, CrtkError, KinematicsError
+from crtk_drivers.ros.arrival import Arrival
 from crtk_drivers.ros.manifest import CRTK_VERSION
 from crtk_drivers.ros.messages import TYPES, fill_status, pose_of, set_pose
 from crtk_drivers.ros.names import SERVICES_NODE_NAME, STOPS_NODE_NAME
@@ -85,7 +86,7 @@ class Services:
         make: Callable[[], Any],
         request: Any,
         reply: Callable[[Any], None],
-        received_ns: int,
+        arrival: Arrival,
     ) -> None:
         response = make()
         if self._asked.qsize() >= MOST_QUESTIONS:
@@ -176,13 +177,13 @@ class DeviceServices:
         for spun in self._spun:
             spun.stop(timeout)
 
-    def _answer(self, name: str) -> Callable[[Any, Callable[[Any], None], int], None]:
-        def respond(request: Any, reply: Callable[[Any], None], received_ns: int) -> None:
+    def _answer(self, name: str) -> Callable[[Any, Callable[[Any], None], Arrival], None]:
+        def respond(request: Any, reply: Callable[[Any], None], arrival: Arrival) -> None:
             limit = self._engine.capabilities.transition_timeout + 1.0
             response = Trigger.Response()
             try:
                 self._admit(name)
-                response.message = self._engine.request(name, received_ns).wait(limit)
+                response.message = self._engine.request(name, arrival.received_ns).wait(limit)
                 response.success = True
             except CrtkError as error:
                 response.success, response.message = False, str(error)

@@ -16,6 +16,7 @@ from typing import Any
 from rclpy.service import Service
 from rclpy.waitable import NumberOfEntities, Waitable
 
+from crtk_drivers.ros.arrival import Arrival, Requests
 from crtk_drivers.ros.unlocked import UnlockedNode, new_message, rcl_error
 
 logger = logging.getLogger(__name__)
@@ -95,8 +96,7 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
         kind: of the service.
         name: of the service.
         receive: called by the executor's thread with each request, what sends its response: once, now
-            or later, from any thread; and when it came, in ns since the epoch, 0 if the middleware does not
-            say.
+            or later, from any thread; and when it came.
         takes_bytes: requests are handed over as CDR.
 
     Attributes:
@@ -108,7 +108,7 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
         node: UnlockedNode,
         kind: Any,
         name: str,
-        receive: Callable[[Any, Callable[[Any], None], int], None],
+        receive: Callable[[Any, Callable[[Any], None], Arrival], None],
         takes_bytes: bool = False,
     ) -> None:
         self.service: Service = node.create_service(kind, name, _unread)
@@ -118,6 +118,7 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
         self._receive = receive
         self._takes_bytes = takes_bytes
         self._requests, self._responses = _Messages(kind.Request), _Messages(kind.Response)
+        self._arrivals = Requests()
         self._index = -1
         node.serve_by(self.service, self)
 
@@ -151,7 +152,7 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
     async def execute(self, nothing: None) -> None:
         """See rclpy. `take_data` has done it."""
 
-    def _taken(self) -> tuple[Any, Callable[[Any], None], int] | None:
+    def _taken(self) -> tuple[Any, Callable[[Any], None], Arrival] | None:
         info = _ServiceInfo()
         messages = self._requests
         message = messages.create()
@@ -171,7 +172,9 @@ class UnlockedService(Waitable):  # type: ignore[misc]  # rclpy has no types
         return (
             request,
             lambda response: self._reply(response, requester),
-            info.received_timestamp,
+            self._arrivals.arrival(
+                bytes(requester.writer_guid), info.received_timestamp, info.source_timestamp
+            ),
         )
 
     def _reply(self, response: Any, requester: _RequestId) -> None:

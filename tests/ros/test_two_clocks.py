@@ -9,8 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from crtk_drivers import plugins
+from crtk_drivers.config import from_values, load
 from crtk_drivers.samples import JointState
+from crtk_drivers.session import Session
+from rigs.action_client import SUCCEEDED
 from rigs.loopback_client import Far, far_device
+from rigs.moveit_node import MoveItRig, moveit_rig
 from rigs.system_clock import OFFSETS, library_in, told_by
 
 COMMANDS = """
@@ -66,9 +71,36 @@ print(json.dumps(found))
 """
 
 
+TRAJECTORIES = """
+import json, sys, time
+import numpy as np
+from control_msgs.action import FollowJointTrajectory
+from rigs.action_client import ActionAsker, as_moveit, set_duration
+
+space, delay, *joints = sys.argv[1:]
+names, here = zip(*(each.split("=") for each in joints))
+here = np.array(here, dtype=float)
+with ActionAsker(FollowJointTrajectory, f"{space}/follow_joint_trajectory") as asker:
+    goal = as_moveit(names, [(0.0, here), (1.0, here + 0.02)])
+    if delay != "now":
+        set_duration(goal.trajectory.header.stamp, time.time() + float(delay))
+    asked = asker.send(goal)
+    print(json.dumps(None if asked is None else asked.wait(60.0)[0]))
+"""
+
+
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return library_in(tmp_path_factory.mktemp("clock"))
+
+
+@pytest.fixture(scope="module")
+def moveit() -> Iterator[MoveItRig]:
+    plugin = plugins.device("virtual")
+    values = {**plugin.typical, "rate": 200.0, "sample_timeout": 3.0}
+    session = Session(plugin, load(plugin.config, from_values(values)))
+    with moveit_rig(session, "/two_clocks_moveit") as rig:
+        yield rig.enabled()
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +136,15 @@ def test_busy_since_a_time_needs_no_common_clock(far: Far, library: Path, second
         "after its end": False,
         "disabled": True,
     }
+
+
+def followed(rig: MoveItRig, library: Path, seconds: float, delay: str) -> object:
+    joints = [f"{n}={q:.9f}" for n, q in zip(rig.names, rig.joints(), strict=True)]
+    return told_by(library, seconds, TRAJECTORIES, rig.space, delay, *joints)
+
+
+@pytest.mark.parametrize("seconds", OFFSETS)
+def test_a_trajectory_for_now_needs_no_common_clock(
+    moveit: MoveItRig, library: Path, seconds: float
+) -> None:
+    assert followed(moveit, library, seconds, "now") == SUCCEEDED

@@ -21,6 +21,7 @@ from crtk_drivers.motion.move import Move
 from crtk_drivers.recording.cdr_trajectories import GOAL_ID
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.actions.action_goals import NEVER, CancelCode, Goal, Goals, GoalState
+from crtk_drivers.ros.arrival import Arrival
 from crtk_drivers.ros.controllers import part as part_of
 from crtk_drivers.ros.messages import set_stamp, stamp_ns
 from crtk_drivers.ros.publishing import Job, PublishingThread
@@ -68,12 +69,12 @@ class Behaviour(ABC):
     takes_bytes = False
 
     @abstractmethod
-    def begin(self, goal: Any, received_ns: int) -> Pursuit:
+    def begin(self, goal: Any, arrival: Arrival) -> Pursuit:
         """Begin what a goal asks for.
 
         Args:
             goal: see `takes_bytes`.
-            received_ns: when it came; see `crtk_drivers.engine.Engine.submit`.
+            arrival: when it came; see `crtk_drivers.engine.Engine.submit`.
 
         Raises:
             CommandRefused: the goal is rejected; counted and told already.
@@ -130,14 +131,14 @@ class ActionServer:
 
     # ------------------------------------------------------------------- in the executor's thread
 
-    def _send_goal(self, request: Any, reply: Reply, received_ns: int) -> None:
+    def _send_goal(self, request: Any, reply: Reply, arrival: Arrival) -> None:
         response = self._behaviour.action.Impl.SendGoalService.Response(accepted=False)
         try:
-            self._take(request, response, received_ns)
+            self._take(request, response, arrival)
         finally:
             reply(response)
 
-    def _take(self, request: Any, response: Any, received_ns: int) -> None:
+    def _take(self, request: Any, response: Any, arrival: Arrival) -> None:
         """Begin what is asked, and say in the response whether it was accepted."""
         if isinstance(request, bytes):
             goal_id, wanted = request[GOAL_ID], request
@@ -149,7 +150,7 @@ class ActionServer:
             )
             return
         try:
-            pursuit = self._behaviour.begin(wanted, received_ns)
+            pursuit = self._behaviour.begin(wanted, arrival)
         except CommandRefused:
             return  # counted and told to the engine's observers
         with self._lock:
@@ -168,7 +169,7 @@ class ActionServer:
         self._ended.put(goal_id)
         self._ends.ask()
 
-    def _cancel(self, request: Any, reply: Reply, received_ns: int) -> None:
+    def _cancel(self, request: Any, reply: Reply, arrival: Arrival) -> None:
         wanted = request.goal_info
         with self._lock:
             code, goals = self._goals.to_cancel(
@@ -186,7 +187,7 @@ class ActionServer:
         reply(CancelGoal.Response(return_code=int(code), goals_canceling=infos))
         self._told.ask()
 
-    def _get_result(self, request: Any, reply: Reply, received_ns: int) -> None:
+    def _get_result(self, request: Any, reply: Reply, arrival: Arrival) -> None:
         response = self._behaviour.action.Impl.GetResultService.Response()
 
         def answer() -> None:

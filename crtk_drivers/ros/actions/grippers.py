@@ -24,6 +24,7 @@ from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.motion.stopping import still_speeds
 from crtk_drivers.ros.actions.action_goals import GoalState
 from crtk_drivers.ros.actions.action_server import Behaviour, Pursuit
+from crtk_drivers.ros.arrival import Arrival
 from crtk_drivers.ros.joint_names import JointNames
 from crtk_drivers.samples import JointState, vector
 
@@ -158,11 +159,12 @@ class _Grips(Behaviour):
         """Return a result, or feedback."""
 
     @override
-    def begin(self, goal: Any, received_ns: int) -> Pursuit:
+    def begin(self, goal: Any, arrival: Arrival) -> Pursuit:
         self._admit(COMMAND)
         position = self._position(goal)
         wanted = JointState(position=vector([position]))
-        move = self._engine.submit(COMMAND, wanted, client=self._client, received_ns=received_ns)
+        came = arrival.received_ns
+        move = self._engine.submit(COMMAND, wanted, client=self._client, received_ns=came)
         assert move is not None
         return _Gripping(move, position, self._engine, self._finger, self._told)
 

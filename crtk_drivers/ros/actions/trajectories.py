@@ -18,6 +18,7 @@ from crtk_drivers.motion.move import Move, Outcome, Violated
 from crtk_drivers.recording.cdr_trajectories import decode_goal
 from crtk_drivers.ros.actions.action_goals import GoalState
 from crtk_drivers.ros.actions.action_server import Behaviour, Pursuit
+from crtk_drivers.ros.arrival import Arrival
 from crtk_drivers.ros.joint_names import JointNames
 from crtk_drivers.ros.messages import set_stamp
 from crtk_drivers.ros.trajectory_input import read_trajectory
@@ -62,10 +63,11 @@ class FollowTrajectory(Behaviour):
         self._client = Client(f"a client of the action {FOLLOW.name}")
 
     @override
-    def begin(self, goal: bytes, received_ns: int) -> Pursuit:
+    def begin(self, goal: bytes, arrival: Arrival) -> Pursuit:
         self._admit(FOLLOW.name)
         asked = read_trajectory(self._engine, self._names, goal, decode_goal)
-        move = self._engine.submit(FOLLOW.name, asked, client=self._client, received_ns=received_ns)
+        came = arrival.received_ns
+        move = self._engine.submit(FOLLOW.name, asked, client=self._client, received_ns=came)
         assert move is not None
         return _Following(move, self._names.outgoing(self._engine.capabilities.joints))
 

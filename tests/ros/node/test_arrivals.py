@@ -1,0 +1,58 @@
+"""When requests came, whatever the clocks of their senders say and the middleware tells."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import pytest
+
+from crtk_drivers.ros.arrival import Requests
+
+MS = 1_000_000
+SECOND = 1000 * MS
+HOUR = 3600 * SECOND
+BEGIN = 1_700_000_000 * SECOND
+
+Taken = Callable[..., int]
+
+
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> Taken:
+    """Take a request at a time since `BEGIN`, in ns; return when it came, and what else is asked for."""
+    requests = Requests()
+
+    def take(now: int, sent: int, received: int | None = None, what: str = "received_ns") -> int:
+        monkeypatch.setattr(time, "time_ns", lambda: BEGIN + now)
+        told = BEGIN + sent if received is None else BEGIN + received
+        found: int = getattr(requests.arrival(b"client", told, BEGIN + sent), what)
+        return found - BEGIN if what == "received_ns" else found
+
+    return take
+
+
+def test_what_waited_here_came_before_it_was_taken(taken: Taken) -> None:
+    assert taken(300 * MS, sent=0) == 0
+
+
+@pytest.mark.parametrize("off", [-HOUR, -2 * SECOND, 6 * MS, 2 * SECOND, HOUR])
+def test_the_first_request_by_another_clock_comes_now(taken: Taken, off: int) -> None:
+    assert taken(SECOND, sent=SECOND + off) == SECOND
+
+
+@pytest.mark.parametrize("off", [-HOUR, -300 * MS, -6 * MS, 6 * MS, 2 * SECOND, HOUR])
+def test_a_later_request_came_as_long_ago_as_it_waited(taken: Taken, off: int) -> None:
+    taken(MS, sent=off)
+    assert taken(900 * MS, sent=200 * MS + off) == 201 * MS
+    assert taken(901 * MS, sent=900 * MS + off, what="ahead_ns") == off - MS
+
+
+@pytest.mark.parametrize("jump", [-HOUR, HOUR])
+def test_a_clock_that_is_set_makes_no_request_old(taken: Taken, jump: int) -> None:
+    taken(MS, sent=0)
+    assert taken(SECOND + MS, sent=SECOND + jump) == pytest.approx(SECOND + MS, abs=MS)
+
+
+def test_a_middleware_that_tells_when_it_came_is_believed(taken: Taken) -> None:
+    assert taken(SECOND, sent=-HOUR, received=700 * MS) == 700 * MS
+    assert taken(SECOND, sent=-HOUR, received=700 * MS, what="ahead_ns") == -HOUR - 700 * MS
