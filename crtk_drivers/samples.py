@@ -98,6 +98,10 @@ def _quoted(text: str) -> str:
     return repr(text) if text else ""
 
 
+CLOCKS_AGREE: Final = 0.005
+"""Seconds by which the clocks of two machines may differ while stamps of both are compared."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stamp:
     """When something was acquired, on two clocks.

@@ -489,6 +489,10 @@ class Intake:
         """Count and tell a refusal that a front made itself (a payload it could not convert)."""
         self._board.refused(refusal)
 
+    def report_warning(self, text: str) -> None:
+        """Tell what a front warns of; one of a kind once in a while."""
+        self._board.warned(text)
+
     # ---------------------------------------------------------------------------------------- inside
 
     def _require(self, name: str) -> Command:

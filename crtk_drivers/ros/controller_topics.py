@@ -16,7 +16,7 @@ from crtk_drivers.ros.controllers import FORWARDS, TRAJECTORY, inputs_of
 from crtk_drivers.ros.joint_names import JointNames
 from crtk_drivers.ros.received import Received
 from crtk_drivers.ros.subscriptions import CommandTopics
-from crtk_drivers.ros.trajectory_input import command_of, read_trajectory
+from crtk_drivers.ros.trajectory_input import command_of, read_trajectory, require_common_clock
 from crtk_drivers.samples import Numbers, joint_state, vector
 
 
@@ -55,6 +55,8 @@ class ControllerTopics:
         asked = read_trajectory(self._engine, self._names, message.data, decode_trajectory)
         command, value = command_of(asked)
         self._admit(command)
+        if command == FOLLOW.name:
+            require_common_clock(self._engine, asked, message.arrival)
         # One that is gone along has a time of its own.
         stamp_ns = 0 if command == FOLLOW.name else asked.start_ns
         self._engine.submit(command, value, stamp_ns, message.sender, message.received_ns)

@@ -12,8 +12,12 @@ from crtk_drivers.commands import FOLLOW
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.recording.cdr_trajectories import Malformed
+from crtk_drivers.ros.arrival import Arrival
 from crtk_drivers.ros.joint_names import JointNames
-from crtk_drivers.samples import JointState, JointTrajectory, Value, vector
+from crtk_drivers.samples import CLOCKS_AGREE, JointState, JointTrajectory, Value, vector
+
+APART: Final = 0.5
+"""Seconds by which a sender's clock may be off that says when a trajectory begins."""
 
 STREAMED: Final = 0.5
 """Seconds to the only point of a trajectory up to which it belongs to a stream, as of MoveIt Servo."""
@@ -44,6 +48,39 @@ def read_trajectory(
         name=names.incoming(asked.name),
         path=tuple(replace(each, name=names.incoming([each.name])[0]) for each in asked.path),
         goal=tuple(replace(each, name=names.incoming([each.name])[0]) for each in asked.goal),
+    )
+
+
+def require_common_clock(engine: Engine, asked: JointTrajectory, arrival: Arrival) -> None:
+    """Refuse a trajectory that begins at a time of another clock than this machine's.
+
+    A difference that moves its beginning a little is told: the network may have kept it for so long.
+
+    Raises:
+        CommandRefused: the clock of its sender is off by more than `APART`; counted.
+    """
+    ahead = 1e-9 * arrival.ahead_ns if asked.start_ns else 0.0
+    if abs(ahead) <= CLOCKS_AGREE:
+        return
+    if ahead > 0.0:
+        what = f"the clock of its sender is {ahead:.3f} s ahead of the driver's"
+    else:
+        what = (
+            f"it came {-ahead:.3f} s after it was sent, by the clocks of its sender and the driver"
+        )
+    if abs(ahead) > APART:
+        refusal = CommandRefused(
+            FOLLOW.name,
+            Reason.FROM_FUTURE if ahead > 0.0 else Reason.TOO_OLD,
+            f"{what}, and it begins at a time of the sender's",
+            where=engine.where,
+            remedy="Synchronise the two machines by chrony or PTP, or set header.stamp to zero for now.",
+        )
+        engine.report_refusal(refusal)
+        raise refusal
+    engine.report_warning(
+        f"a trajectory begins by its header.stamp, and {what}. "
+        "Synchronise the two machines by chrony or PTP."
     )
 
 

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.config import from_values, load
+from crtk_drivers.engine import Engine
+from crtk_drivers.errors import CommandRefused
 from crtk_drivers.samples import JointState
 from crtk_drivers.session import Session
+from crtk_drivers.status.board import Observer
 from rigs.action_client import SUCCEEDED
 from rigs.loopback_client import Far, far_device
 from rigs.moveit_node import MoveItRig, moveit_rig
-from rigs.system_clock import OFFSETS, library_in, told_by
+from rigs.system_clock import OFFSETS, YEAR, library_in, told_by
 
 COMMANDS = """
 import json, sys, time
@@ -143,8 +148,54 @@ def followed(rig: MoveItRig, library: Path, seconds: float, delay: str) -> objec
     return told_by(library, seconds, TRAJECTORIES, rig.space, delay, *joints)
 
 
+class Told(Observer):
+    def __init__(self, engine: Engine) -> None:
+        self.refusals: list[CommandRefused] = []
+        self.warnings: list[str] = []
+        engine.add_observer(self)
+
+    @override
+    def command_refused(self, refusal: CommandRefused) -> None:
+        self.refusals.append(refusal)
+
+    @override
+    def warned(self, text: str) -> None:
+        self.warnings.append(text)
+
+
 @pytest.mark.parametrize("seconds", OFFSETS)
 def test_a_trajectory_for_now_needs_no_common_clock(
     moveit: MoveItRig, library: Path, seconds: float
 ) -> None:
     assert followed(moveit, library, seconds, "now") == SUCCEEDED
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [
+        (2.0, r"the clock of its sender is (1\.9\d\d|2\.000) s ahead of the driver's"),
+        (
+            -2.0,
+            r"it came 2\.\d\d\d s after it was sent, by the clocks of its sender and the driver",
+        ),
+        (YEAR, r"the clock of its sender is 3153\d{4}\.\d{3} s ahead of the driver's"),
+    ],
+)
+def test_a_beginning_by_another_clock_is_refused(
+    moveit: MoveItRig, library: Path, seconds: float, told: str
+) -> None:
+    heard, here = Told(moveit.engine), moveit.joints()
+    assert followed(moveit, library, seconds, "0.3") is None
+    (refusal,) = heard.refusals
+    assert re.search(told, refusal.detail)
+    assert "chrony or PTP" in refusal.remedy
+    assert np.allclose(moveit.joints(), here, atol=1e-3)
+
+
+def test_a_beginning_by_a_clock_slightly_off_is_noted(moveit: MoveItRig, library: Path) -> None:
+    heard = Told(moveit.engine)
+    assert followed(moveit, library, -0.02, "0.3") == SUCCEEDED
+    assert any(
+        re.search(r"it came 0\.\d\d\d s after it was sent, .* by chrony or PTP", each)
+        for each in heard.warnings
+    ), heard.warnings

@@ -21,7 +21,7 @@ from crtk_drivers.ros.actions.action_server import Behaviour, Pursuit
 from crtk_drivers.ros.arrival import Arrival
 from crtk_drivers.ros.joint_names import JointNames
 from crtk_drivers.ros.messages import set_stamp
-from crtk_drivers.ros.trajectory_input import read_trajectory
+from crtk_drivers.ros.trajectory_input import read_trajectory, require_common_clock
 from crtk_drivers.samples import JointState
 
 SUCCESSFUL: Final = 0
@@ -66,6 +66,7 @@ class FollowTrajectory(Behaviour):
     def begin(self, goal: bytes, arrival: Arrival) -> Pursuit:
         self._admit(FOLLOW.name)
         asked = read_trajectory(self._engine, self._names, goal, decode_goal)
+        require_common_clock(self._engine, asked, arrival)
         came = arrival.received_ns
         move = self._engine.submit(FOLLOW.name, asked, client=self._client, received_ns=came)
         assert move is not None
