@@ -18,10 +18,11 @@ from crtk_drivers.errors import CommandRefused
 from crtk_drivers.samples import JointState
 from crtk_drivers.session import Session
 from crtk_drivers.status.board import Observer
-from rigs.action_client import SUCCEEDED
+from rigs.action_client import CANCELED, SUCCEEDED, as_moveit
 from rigs.loopback_client import Far, far_device
 from rigs.moveit_node import MoveItRig, moveit_rig
 from rigs.system_clock import OFFSETS, YEAR, library_in, told_by
+from rigs.waiting import LONG
 
 COMMANDS = """
 import json, sys, time
@@ -91,6 +92,23 @@ with ActionAsker(FollowJointTrajectory, f"{space}/follow_joint_trajectory") as a
         set_duration(goal.trajectory.header.stamp, time.time() + float(delay))
     asked = asker.send(goal)
     print(json.dumps(None if asked is None else asked.wait(60.0)[0]))
+"""
+
+
+CANCEL_WHAT_CAME_BEFORE_NOW = """
+import json, sys, time
+from action_msgs.srv import CancelGoal
+from rigs.action_client import set_duration
+from rigs.loopback_client import Node
+
+with Node("canceller") as node:
+    client = node.node.create_client(
+        CancelGoal, f"{sys.argv[1]}/follow_joint_trajectory/_action/cancel_goal"
+    )
+    assert client.wait_for_service(60.0)
+    request = CancelGoal.Request()
+    set_duration(request.goal_info.stamp, time.time())
+    print(json.dumps(len(client.call(request).goals_canceling)))
 """
 
 
@@ -199,3 +217,13 @@ def test_a_beginning_by_a_clock_slightly_off_is_noted(moveit: MoveItRig, library
         re.search(r"it came 0\.\d\d\d s after it was sent, .* by chrony or PTP", each)
         for each in heard.warnings
     ), heard.warnings
+
+
+@pytest.mark.parametrize("seconds", [-YEAR, 2.0])
+def test_cancelling_by_a_time_stops_by_any_clock(
+    moveit: MoveItRig, library: Path, seconds: float
+) -> None:
+    here = moveit.joints()
+    asked = moveit.asker.ask(as_moveit(moveit.names, [(0.0, here), (LONG, here + 0.2)]))
+    assert told_by(library, seconds, CANCEL_WHAT_CAME_BEFORE_NOW, moveit.space) == 1
+    assert asked.wait(LONG)[0] == CANCELED

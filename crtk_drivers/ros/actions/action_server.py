@@ -27,6 +27,7 @@ from crtk_drivers.ros.messages import set_stamp, stamp_ns
 from crtk_drivers.ros.publishing import Job, PublishingThread
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.ros.unlocked_service import UnlockedService
+from crtk_drivers.samples import CLOCKS_AGREE
 
 Reply = Callable[[Any], None]
 
@@ -171,10 +172,12 @@ class ActionServer:
 
     def _cancel(self, request: Any, reply: Reply, arrival: Arrival) -> None:
         wanted = request.goal_info
+        before, behind_ns = stamp_ns(wanted.stamp), -arrival.ahead_ns
+        if before and behind_ns > CLOCKS_AGREE * 1e9:
+            # Whether it is a time that we told or one of the client's clock is not known: none is missed.
+            before += behind_ns
         with self._lock:
-            code, goals = self._goals.to_cancel(
-                bytes(bytearray(wanted.goal_id.uuid)), stamp_ns(wanted.stamp)
-            )
+            code, goals = self._goals.to_cancel(bytes(bytearray(wanted.goal_id.uuid)), before)
             pursued = [self._pursued[goal.id] for goal in goals if goal.id in self._pursued]
             for goal in goals:
                 goal.become(GoalState.CANCELING)
