@@ -45,7 +45,12 @@ SETTING_GOING = frozenset({StateCommand.ENABLE, StateCommand.RESUME, StateComman
 """State commands whose age counts: what stops the device is never too old."""
 
 FUTURE_TOLERANCE = 0.5
-"""Seconds that a command's stamp may lie ahead of this machine's clock, if ages are checked."""
+"""Seconds that a command's stamp may lie ahead of this machine's clock, if ages are checked; never more than
+the age that is allowed: a clock that far ahead makes each command seem younger by as much."""
+
+_SYNCHRONISE = (
+    "If the two clocks may disagree, synchronise the machines by chrony or PTP; or send no stamp."
+)
 
 LARGEST = 1e6
 """No number of a command is larger (m, rad, m/s, N, ...): far beyond any device, and far from where
@@ -189,14 +194,18 @@ class CommandCheck:
         age = (now_ns - stamp_ns) / 1e9
         if age > limit:
             raise self._refusal(
-                command, Reason.TOO_OLD, f"its stamp is {age:.3f} s old", f"At most {limit} s."
+                command,
+                Reason.TOO_OLD,
+                f"its stamp, by the sender's clock, is {age:.3f} s old by the driver's; "
+                f"max_command_age is {limit:g} s",
+                _SYNCHRONISE,
             )
-        if age < -FUTURE_TOLERANCE:
+        if -age > min(FUTURE_TOLERANCE, limit):
             raise self._refusal(
                 command,
                 Reason.FROM_FUTURE,
-                f"its stamp lies {-age:.3f} s ahead",
-                "Synchronise the clocks of the two machines.",
+                f"its stamp, by the sender's clock, lies {-age:.3f} s ahead of the driver's",
+                _SYNCHRONISE,
             )
 
     def _check_frame(self, command: Command, value: Pose | Twist | Wrench | CartesianServo) -> None:

@@ -77,6 +77,21 @@ print(json.dumps(found))
 """
 
 
+AGED = """
+import json, sys
+from crtk_drivers.client import connect
+from crtk_drivers.errors import CommandRefused
+
+with connect(sys.argv[1], timeout=60.0) as arm:
+    arm.hold()
+    arm.disable(timeout=60.0)
+    try:
+        arm.enable(timeout=60.0)
+    except CommandRefused as refusal:
+        print(json.dumps([str(refusal.reason), refusal.detail, refusal.remedy]))
+"""
+
+
 TRAJECTORIES = """
 import json, sys, time
 import numpy as np
@@ -159,6 +174,28 @@ def test_busy_since_a_time_needs_no_common_clock(far: Far, library: Path, second
         "after its end": False,
         "disabled": True,
     }
+
+
+@pytest.mark.parametrize(
+    ("seconds", "reason", "told"),
+    [
+        (-2.0, "too_old", r"by the sender's clock, is 2\.\d{3} s old by the driver's"),
+        (
+            2.0,
+            "from_future",
+            r"by the sender's clock, lies (1\.9\d\d|2\.0\d\d) s ahead of the driver's",
+        ),
+        (0.3, "from_future", r"by the sender's clock, lies 0\.[23]\d\d s ahead of the driver's"),
+    ],
+)
+def test_an_age_that_is_judged_is_told_by_its_clocks(
+    library: Path, seconds: float, reason: str, told: str
+) -> None:
+    with far_device("/two_clocks_aged", limits={"max_command_age": 0.2}) as far:
+        why, detail, remedy = told_by(library, seconds, AGED, far.namespace)
+    assert why == reason
+    assert re.search(told, detail)
+    assert "chrony or PTP" in remedy
 
 
 def followed(rig: MoveItRig, library: Path, seconds: float, delay: str) -> object:
