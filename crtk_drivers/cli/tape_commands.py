@@ -60,6 +60,7 @@ def _plot(
     with ERR.status(f"reading {plain(str(file))} ..."):
         contents = contents_of(recording, begin, end)
         figures = all_figures(contents, begin)
+    _tell_note(file, contents.note)
     _write(page, html(recording, contents, figures, told).encode())
     written = [str(page)]
     if figures:
@@ -105,7 +106,8 @@ def _convert(
     recording, _ = opened_and_told(file)
     folder = output or file.with_suffix("")
     with ERR.status(f"reading {plain(str(file))} ..."):
-        written = convert(recording, folder, to, topic or ())
+        written, note = convert(recording, folder, to, topic or ())
+    _tell_note(file, note)
     for name, path, rows in written:
         OUT.print(f"{plain(str(path))}  {rows} of {plain(name)}", soft_wrap=True)
 
@@ -122,6 +124,11 @@ def opened_and_told(file: Path) -> tuple[Recording | Foreign, str]:
     if not sum(recording.counts.values()):
         raise RecordingError("holds no message", where=str(file))
     return recording, told
+
+
+def _tell_note(file: Path, note: str) -> None:
+    if note:
+        ERR.print(f"[yellow]{plain(str(file))}:[/] {plain(note)}", soft_wrap=True)
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -217,7 +217,7 @@ def read_csv(path):
 
 def test_each_topic_becomes_a_table(arm, tmp_path):
     recording, _ = opened(arm)
-    written = {topic: (path, rows) for topic, path, rows in convert(recording, tmp_path, "csv")}
+    written = {topic: (path, rows) for topic, path, rows in convert(recording, tmp_path, "csv")[0]}
     assert set(written) == set(recording.topics)
     rows = read_csv(written["/arm/measured_js"][0])
     assert len(rows) == written["/arm/measured_js"][1] == 200
@@ -245,7 +245,7 @@ def test_parquet_says_what_it_takes(arm, tmp_path, monkeypatch):
 def test_parquet_has_the_same_numbers(arm, tmp_path):
     import pyarrow.parquet as parquet
 
-    ((_, path, rows),) = convert(opened(arm)[0], tmp_path, "parquet", ["/arm/measured_js"])
+    (((_, path, rows),), _) = convert(opened(arm)[0], tmp_path, "parquet", ["/arm/measured_js"])
     table = parquet.read_table(path)
     assert table.num_rows == rows == 200
     assert table.column("position/tilt_joint")[100].as_py() == pytest.approx(0.2)
@@ -264,7 +264,7 @@ def test_parquet_takes_columns_that_are_empty_at_first_and_words_among_numbers(
         series.message(Raw("/a/number", "std_msgs/msg/Float64", data, BEGIN + at, BEGIN))
     series.finish()
     recording = Recording(tmp_path / "run.mcap")
-    ((_, path, rows),) = convert(recording, tmp_path / "parquet", "parquet")
+    (((_, path, rows),), _) = convert(recording, tmp_path / "parquet", "parquet")
     assert rows == 4
     told = parquet.read_table(path).column("data").to_pylist()
     assert told == ["2.5", "2.5", b"nonsense".hex(), "2.5"]
@@ -317,7 +317,7 @@ def test_each_transform_is_a_row_of_its_own(tmp_path):
         series.message(Raw(topic, TRANSFORMS, data, BEGIN, BEGIN, definition=""))
     series.finish()
     recording = Recording(tmp_path / "run.mcap")
-    written = {topic: path for topic, path, _ in convert(recording, tmp_path / "csv", "csv")}
+    written = {topic: path for topic, path, _ in convert(recording, tmp_path / "csv", "csv")[0]}
     (row,) = read_csv(written["/tf"])
     assert (row["frame_id"], row["child_frame_id"], row["stamp_ns"]) == ("base", "tip", "7")
     assert float(row["position/z"]) == 0.5

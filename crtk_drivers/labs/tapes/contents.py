@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.commands import Direction, Level, find
+from crtk_drivers.labs.tapes.clocks import FAR, clocks_of, recorded_by_its_driver
 from crtk_drivers.labs.tapes.rows import row_of
 from crtk_drivers.recording import Message, Recording
 from crtk_drivers.recording.foreign import Foreign
@@ -32,7 +33,8 @@ class Track:
     """The numbers of one topic.
 
     Attributes:
-        times: (n,) of the messages, in s since the recording began.
+        times: (n,) of the messages, in s since the recording began: by stamp, or by arrival where stamps are
+            not of one clock.
         columns: (n,) by name; NaN where a message says nothing, or is not valid.
     """
 
@@ -75,6 +77,7 @@ class Contents:
         devices: by namespace.
         others: type and number of messages of topics that are not drawn.
         left_out: of topics that are too long, one in how many was read.
+        note: why all is placed by its arrival; empty if stamps are used.
     """
 
     began: int
@@ -82,18 +85,22 @@ class Contents:
     devices: dict[str, DeviceTracks]
     others: dict[str, tuple[str, int]]
     left_out: dict[str, int]
+    note: str = ""
 
 
 class _Gathered:
-    """The rows of one topic, as they come."""
+    """The rows of one topic, as they come: when (s) each arrived, and by how much that is after its stamp."""
 
     def __init__(self) -> None:
-        self.times = array("d")
+        self._arrived = array("d")
+        self._late = array("d")
         self._at: dict[str, tuple[array[int], array[float]]] = {}
 
-    def add(self, time: float, row: Mapping[str, object], is_valid: bool) -> None:
-        number = len(self.times)
-        self.times.append(time)
+    def add(self, arrived: float, late: float, row: Mapping[str, object]) -> None:
+        """Take a message; `late` is NaN of one that is not valid."""
+        number, is_valid = len(self._arrived), late == late
+        self._arrived.append(arrived)
+        self._late.append(late)
         for name, value in row.items() if is_valid else ():
             if isinstance(value, float):
                 if name not in self._at:
@@ -102,8 +109,16 @@ class _Gathered:
                 places.append(number)
                 values.append(value)
 
-    def track(self) -> Track:
-        times = np.array(self.times)
+    @property
+    def late(self) -> Vector:
+        """Arrival less stamp of what is valid."""
+        late: Vector = np.array(self._late)
+        return late[np.isfinite(late)]
+
+    def track(self, by_arrival: bool) -> Track:
+        times, late = np.array(self._arrived), np.array(self._late)
+        if not by_arrival:
+            times = np.where(np.abs(late) <= FAR, times - late, times)
         order = np.argsort(times, kind="stable")
         columns = {}
         for name, (places, values) in self._at.items():
@@ -140,19 +155,20 @@ def contents_of(
         device = devices.setdefault(namespace, DeviceTracks(namespace))
         if name in _DRAWN:
             stamp_ns, _, row = row_of(message)
-            when = (message.publish_time - began) * SECOND if stamp_ns else at
-            if not begin - 1.0 <= when <= end + 1.0:  # a clock of its own
-                when = at
-            gathered.setdefault(message.topic, _Gathered()).add(when, row, bool(stamp_ns))
+            late = (message.log_time - stamp_ns) * SECOND if stamp_ns else np.nan
+            gathered.setdefault(message.topic, _Gathered()).add(at, late, row)
         else:
             _take_event(device, name, at, message)
+    late_by = {topic: rows.late for topic, rows in gathered.items()}
+    clocks = clocks_of(late_by, recorded_by_its_driver(recording))
     for topic, rows in gathered.items():
         place = places[topic]
         assert place is not None
-        devices[place[0]].tracks[place[1]] = rows.track()
+        devices[place[0]].tracks[place[1]] = rows.track(topic in clocks.apart)
     left_out = {topic: number for topic, number in every.items() if number > 1}
     whole = (last - began) * SECOND
-    return Contents(began, min(whole, end) if end < np.inf else whole, devices, others, left_out)
+    seconds = min(whole, end) if end < np.inf else whole
+    return Contents(began, seconds, devices, others, left_out, clocks.note)
 
 
 def _span(recording: Recording | Foreign) -> tuple[int, int]:

@@ -52,6 +52,8 @@ def _parts(
     yield f'<p class="faint">{text(began)} · {contents.seconds:.1f} s</p>'
     if told:
         yield f'<div class="box open">{text(told)}.</div>'
+    if contents.note:
+        yield f'<div class="box open">{text(contents.note)}.</div>'
     for topic, number in contents.left_out.items():
         yield f'<div class="box open">{text(topic)}: one message in {number} is drawn.</div>'
     for name, texts in recording.metadata:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import csv
 import re
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from crtk_drivers.errors import MissingExtra, RecordingError
+from crtk_drivers.labs.tapes.clocks import clocks_of, recorded_by_its_driver
 from crtk_drivers.labs.tapes.rows import TIMES, Cell, rows_of
 from crtk_drivers.recording import Message, Recording
 from crtk_drivers.recording.foreign import Foreign
@@ -24,8 +28,8 @@ FORMATS: Final = ("csv", "parquet")
 
 def convert(
     recording: Recording | Foreign, folder: Path, kind: str, topics: Sequence[str] = ()
-) -> list[tuple[str, Path, int]]:
-    """Write a table for each topic, and return topic, file and rows of each.
+) -> tuple[list[tuple[str, Path, int]], str]:
+    """Write a table for each topic; return topic, file and rows of each, and what is to be known of clocks.
 
     Args:
         recording: opened.
@@ -38,7 +42,7 @@ def convert(
         MissingExtra: pyarrow is not installed.
     """
     write = _write_csv if kind == "csv" else _parquet_writer()
-    written = []
+    written, late = [], {}
     chosen = topics or [topic for topic, count in recording.counts.items() if count]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -50,15 +54,21 @@ def convert(
                 )
             kinds = _columns(recording.messages(topic))
             columns = {**_TIME_KINDS, **kinds}
-            rows = write(path, columns, _rows(recording.messages(topic), tuple(kinds)))
-            written.append((topic, path, rows))
+            late[topic] = array("d")
+            rows = _rows(recording.messages(topic), tuple(kinds), late[topic])
+            written.append((topic, path, write(path, columns, rows)))
     except OSError as error:
         raise RecordingError(
             f"cannot be written: {error.strerror or error}",
             where=str(folder),
             remedy="See whether the disk is full, and whether the folder can be written.",
         ) from error
-    return written
+    measured = {
+        topic: np.array(seconds)
+        for topic, seconds in late.items()
+        if topic.rpartition("/")[2].startswith("measured_")
+    }
+    return written, clocks_of(measured, recorded_by_its_driver(recording)).note
 
 
 def _columns(messages: Iterator[Message]) -> dict[str, type]:
@@ -72,9 +82,14 @@ def _columns(messages: Iterator[Message]) -> dict[str, type]:
     return kinds
 
 
-def _rows(messages: Iterator[Message], names: Sequence[str]) -> Iterator[list[Cell | None]]:
+def _rows(
+    messages: Iterator[Message], names: Sequence[str], late: array[float]
+) -> Iterator[list[Cell | None]]:
+    """Yield the rows of a topic, and put into `late` by how much each valid one came after its stamp (s)."""
     for message in messages:
         for stamp_ns, frame_id, row in rows_of(message):
+            if stamp_ns:
+                late.append(1e-9 * (message.log_time - stamp_ns))
             cells = [row.get(name) for name in names]
             yield [message.log_time, message.publish_time, stamp_ns, frame_id, *cells]
 
