@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from typing_extensions import override
 
 from crtk_drivers import plugins
+from crtk_drivers.cli.coupled_on_ros import coupled_on_ros
 from crtk_drivers.config import from_values, load
+from crtk_drivers.config.settings import PoseConfig
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused
-from crtk_drivers.samples import JointState
+from crtk_drivers.labs.lab_entries import CarriedEntry, MarkerEntry
+from crtk_drivers.plugins import RunningSim
+from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.session import Session
 from crtk_drivers.status.board import Observer
 from rigs.action_client import CANCELED, SUCCEEDED, as_moveit
 from rigs.loopback_client import Far, far_device
 from rigs.moveit_node import MoveItRig, moveit_rig
-from rigs.system_clock import OFFSETS, YEAR, library_in, told_by
-from rigs.waiting import LONG
+from rigs.system_clock import OFFSETS, YEAR, library_in, shifted, told_by
+from rigs.waiting import LONG, eventually
 
 COMMANDS = """
 import json, sys, time
@@ -264,3 +273,36 @@ def test_cancelling_by_a_time_stops_by_any_clock(
     asked = moveit.asker.ask(as_moveit(moveit.names, [(0.0, here), (LONG, here + 0.2)]))
     assert told_by(library, seconds, CANCEL_WHAT_CAME_BEFORE_NOW, moveit.space) == 1
     assert asked.wait(LONG)[0] == CANCELED
+
+
+@dataclass
+class FollowingSim:
+    """A simulator that notes by how much (s) what it is told lies in its past."""
+
+    running: bool = True
+    past: list[float] = field(default_factory=list)
+
+    def put(self, sim: RunningSim, marker: str, pose: Pose, wall_ns: int) -> None:
+        self.past.append((time.time_ns() - wall_ns) / 1e9)
+
+
+@pytest.mark.parametrize("seconds", [2.0, -2.0, YEAR, -YEAR])
+def test_a_simulator_follows_an_arm_by_its_own_clock(library: Path, seconds: float) -> None:
+    sim: Any = FollowingSim()
+    plugin: Any = SimpleNamespace(
+        name="tracker", sim_load=None, sim_put=sim.put, markers=lambda config: {"marker": "M"}
+    )
+    space = "/two_clocks_carrier"
+    entry = CarriedEntry(stands=PoseConfig(), markers={"marker": MarkerEntry(on=space)})
+    driver = subprocess.Popen(
+        [sys.executable, "-m", "rigs.serve_loopback", space],
+        env=shifted(library, seconds),
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        with coupled_on_ros(plugin, plugin, sim, entry):
+            eventually(lambda: len(sim.past) > 100, "the simulator is told of the arm")
+    finally:
+        driver.terminate()
+        driver.wait(LONG)
+    assert np.median(sim.past[50:]) == pytest.approx(0.0, abs=0.2)

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_driver_ros2_control.joint_states import Ages, JointStates, Measured
+from crtk_driver_ros2_control.joint_states import JointStates, Measured
+from crtk_drivers.kit.ages import Ages
 from crtk_drivers.samples import JointState
 
 JOINTS = ("a", "b", "c")
