@@ -27,8 +27,10 @@ SILENCE = 5.0
 HISTORY = 0.05
 """Seconds of silence after which no more refusals of before are expected: the last ten are latched."""
 OUT_OF_ORDER_NS = 1_000_000_000
-"""Nanoseconds by which a status may be older than the last one and be left out: the service overtakes the
-topic. One that is older still comes from a driver whose clock was set back."""
+"""Nanoseconds by which a status may be older than one that the service told, or that an answer of the service
+may be older than the topic, and be left out: one overtakes the other. One that is older still comes from a
+driver whose clock was set back. On the topic alone what arrives last is the newest, also from another driver
+that has taken over on a machine whose clock is behind."""
 RECENT = 3.0
 """Seconds in which a driver may hold the next refusal of the same kind back."""
 
@@ -104,6 +106,7 @@ class StatusTracker:
         self._latest: Status | None = None
         self._heard = 0.0
         self._stamp_ns = 0
+        self._answered_ns = 0
         self._past_refusals = past_refusals
         self._live = not past_refusals
         self._started = False
@@ -177,7 +180,12 @@ class StatusTracker:
         if self._service is None:
             return
         try:
-            self._receive(self._link.state_caller(self._service).operating_state(timeout))
+            answer = self._link.state_caller(self._service).operating_state(timeout)
+            with self._lock:
+                if _overtaken(answer.wall_ns, self._stamp_ns):
+                    return
+                self._answered_ns = answer.wall_ns
+            self._receive(answer)
         except (CrtkError, ValueError) as error:  # no answer, or one that says nothing
             logger.debug("%s: %s", self._where, error)
 
@@ -186,8 +194,7 @@ class StatusTracker:
     def _receive(self, received: Received) -> None:
         status = received.status
         with self._lock:
-            behind = self._stamp_ns - received.wall_ns
-            if 0 < behind < OUT_OF_ORDER_NS:
+            if _overtaken(received.wall_ns, self._answered_ns):
                 return
             self._stamp_ns = received.wall_ns
             self._heard = time.monotonic()
@@ -393,6 +400,10 @@ class StatusTracker:
                 callbacks.remove(callback)
 
         return end
+
+
+def _overtaken(stamp_ns: int, by_ns: int) -> bool:
+    return 0 < by_ns - stamp_ns < OUT_OF_ORDER_NS
 
 
 def _newer(serial: int, received: Received) -> bool:

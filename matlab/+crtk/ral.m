@@ -44,7 +44,7 @@ classdef ral < handle
         end
 
         function seconds = now(~)
-        %NOW  Seconds since 1970, the clock of all stamps.
+        %NOW  Seconds since 1970, by the clock of this computer; stamps are of the device's.
             seconds = crtk.internal.call(struct('do', 'now'));
         end
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,10 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from crtk_msgs.msg import OperatingState
 from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.cli.coupled_on_ros import coupled_on_ros
+from crtk_drivers.client import connect
 from crtk_drivers.config import from_values, load
 from crtk_drivers.config.settings import PoseConfig
 from crtk_drivers.engine import Engine
@@ -27,8 +30,8 @@ from crtk_drivers.plugins import RunningSim
 from crtk_drivers.samples import JointState, Pose
 from crtk_drivers.session import Session
 from crtk_drivers.status.board import Observer
-from rigs.action_client import CANCELED, SUCCEEDED, as_moveit
-from rigs.loopback_client import Far, far_device
+from rigs.action_client import CANCELED, SUCCEEDED, as_moveit, set_duration
+from rigs.loopback_client import Far, Node, far_device
 from rigs.moveit_node import MoveItRig, moveit_rig
 from rigs.system_clock import OFFSETS, YEAR, library_in, shifted, told_by
 from rigs.waiting import LONG, eventually
@@ -306,3 +309,34 @@ def test_a_simulator_follows_an_arm_by_its_own_clock(library: Path, seconds: flo
         driver.terminate()
         driver.wait(LONG)
     assert np.median(sim.past[50:]) == pytest.approx(0.0, abs=0.2)
+
+
+@pytest.mark.parametrize("behind", [0.006, 0.9])
+def test_a_state_by_a_clock_that_is_behind_is_heard(behind: float) -> None:
+    space = f"/two_clocks_taken_over_{round(1e3 * behind)}"
+    with Node("taking_over") as node:
+        publisher = node.node.create_publisher(OperatingState, f"{space}/operating_state", 10)
+
+        def tell(state: str, at: float) -> None:
+            message = OperatingState(state=state, is_homed=True)
+            set_duration(message.header.stamp, at)
+            publisher.publish(message)
+
+        stop = threading.Event()
+        thread = threading.Thread(target=until_heard, args=(stop, tell))
+        thread.start()
+        try:
+            with connect(space, timeout=LONG, features=["operating_state"]) as arm:
+                stop.set()
+                thread.join()
+                tell("DISABLED", time.time())
+                tell("ENABLED", time.time() - behind)
+                assert arm.wait_for_status(lambda status: status.state == "ENABLED", LONG)
+        finally:
+            stop.set()
+            thread.join()
+
+
+def until_heard(stop: threading.Event, tell: Callable[[str, float], None]) -> None:
+    while not stop.wait(0.05):
+        tell("DISABLED", time.time())
