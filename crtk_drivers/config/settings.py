@@ -72,7 +72,8 @@ class LimitsConfig(Settings):
         gt=0.0,
         le=60.0,
         description="Refuse a command whose stamp is older than this, in s, enable, resume and home "
-        "included; not checked if null. The clocks must be synchronised.",
+        "included; not checked if null. The clocks of driver and client must be synchronised: a stamp may be "
+        "ahead by as much, and by at most 0.5 s.",
     )
     following_error: float | None = Field(
         default=_OPTIONS.limits.following_error,
