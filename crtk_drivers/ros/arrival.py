@@ -10,9 +10,6 @@ from __future__ import annotations
 import time
 from typing import Final, NamedTuple
 
-MAY_WAIT_NS: Final = 500_000_000
-"""Nanoseconds that the first request of a client may have waited here, if its clock agrees with ours."""
-
 LONGEST_NS: Final = 10_000_000_000
 """Nanoseconds that a request waits at most: one that is later still comes from a clock that was set."""
 
@@ -48,8 +45,9 @@ class Requests:
         """Return the arrival of a request that is taken now.
 
         The one that waited least says what the clock of its sender differs by. The first of a sender counts
-        as sent by a clock that agrees, unless that would have been long ago, or is still to come: what came
-        before a stop must not be carried out after it.
+        as sent by a clock that agrees, unless that would have been longer ago than a request waits, or is
+        still to come: what came before a stop must not be carried out after it. So the first request of a
+        client whose clock is some seconds behind may be older than a stop that it came after.
 
         Args:
             sender: id of the client.
@@ -64,5 +62,5 @@ class Requests:
         self._least[sender] = least
         for oldest in tuple(self._least)[:-MOST_SENDERS]:
             del self._least[oldest]
-        agrees = is_first and 0 <= late <= MAY_WAIT_NS
+        agrees = is_first and 0 <= late <= LONGEST_NS
         return Arrival(sent_ns if agrees else sent_ns + least, -least)

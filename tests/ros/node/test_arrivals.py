@@ -31,11 +31,12 @@ def taken(monkeypatch: pytest.MonkeyPatch) -> Taken:
     return take
 
 
-def test_what_waited_here_came_before_it_was_taken(taken: Taken) -> None:
-    assert taken(300 * MS, sent=0) == 0
+@pytest.mark.parametrize("waited", [300 * MS, 9 * SECOND])
+def test_what_waited_here_came_before_it_was_taken(taken: Taken, waited: int) -> None:
+    assert taken(waited, sent=0) == 0
 
 
-@pytest.mark.parametrize("off", [-HOUR, -2 * SECOND, 6 * MS, 2 * SECOND, HOUR])
+@pytest.mark.parametrize("off", [-HOUR, 6 * MS, 2 * SECOND, HOUR])
 def test_the_first_request_by_another_clock_comes_now(taken: Taken, off: int) -> None:
     assert taken(SECOND, sent=SECOND + off) == SECOND
 
