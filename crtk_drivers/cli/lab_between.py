@@ -10,7 +10,6 @@ from typing import Final
 from rich.table import Table
 from rich.text import Text
 
-from crtk_drivers.cli.reaching import prepare
 from crtk_drivers.cli.status_line import STATE_STYLES
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.client.lab_findings import View, clock_words, findings
@@ -19,7 +18,7 @@ from crtk_drivers.client.other_domains import Announced, announced
 from crtk_drivers.config.variables import DOMAIN
 from crtk_drivers.errors.wording import worded
 from crtk_drivers.labs import Lab
-from crtk_drivers.ros import environment
+from crtk_drivers.ros.manifest import CRTK_VERSION, driver_version
 from crtk_drivers.state import OperatingState
 
 __all__ = ["check_between"]
@@ -29,16 +28,11 @@ MOST_DOMAINS: Final = 4
 
 
 def check_between(lab: Lab) -> int:
-    """Look on ROS for the devices of a lab, and print how they are and what is wrong.
+    """Look on ROS, in this process's domain, for the devices of a lab; print how they are and what is wrong.
 
     Returns:
         1 if something is wrong between its machines, else 0. A machine that is not up yet is not wrong.
-
-    Raises:
-        MissingExtra, ConfigError: ROS 2 cannot be used here.
     """
-    environment.adopt(lab.environment)
-    prepare()
     view = _view(lab)
     OUT.print()
     OUT.print(_table(lab, view))
@@ -53,8 +47,6 @@ def check_between(lab: Lab) -> int:
 
 def _view(lab: Lab) -> View:
     """Look in the domain of the lab; where something is missing there, in those where others are."""
-    from crtk_drivers.ros.manifest import CRTK_VERSION, driver_version  # it needs rclpy
-
     spaces = {name: device.namespace for name, device in lab.devices.items()}
     spaces |= {name: device.namespace for name, device in lab.elsewhere.items()}
     domain = int(os.environ.get(DOMAIN) or 0)

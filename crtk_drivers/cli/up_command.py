@@ -16,10 +16,10 @@ from rich.table import Table
 from rich.text import Text
 
 from crtk_drivers.cli.help_pages import HelpfulCommand, HelpfulGroup
-from crtk_drivers.cli.lab_between import check_between
 from crtk_drivers.cli.lab_scan import scanned_lab
 from crtk_drivers.cli.lab_view import shown
 from crtk_drivers.cli.log_setup import LogFormat, set_up_logging
+from crtk_drivers.cli.reaching import prepare
 from crtk_drivers.cli.terminal import ERR, OUT, plain
 from crtk_drivers.config.variables import SEARCH_PATHS, assignments, checked_variables, merged
 from crtk_drivers.errors import ConfigError
@@ -390,7 +390,13 @@ def check_lab(path: Path, sim: bool, machine: str = "", *, looks: bool = True) -
         return 0
     if why_closed(variables):
         return 1  # they cannot see each other, as was said
-    return check_between(lab) if looks else 0
+    if not looks:
+        return 0
+    environment.adopt(lab.environment)
+    prepare()
+    from crtk_drivers.cli.lab_between import check_between  # it needs rclpy
+
+    return check_between(lab)
 
 
 def _plan(lab: Lab) -> Table:

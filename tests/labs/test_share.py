@@ -45,7 +45,7 @@ def command(tmp_path, monkeypatch, capsys):
 
 
 def test_check_shows_what_each_machine_starts(command):
-    code, said = command("lab", "check", "LAB", text=DOMAIN + TWO)
+    code, said = command("lab", "check", "LAB", "--no-ros", text=DOMAIN + TWO)
     assert code == 0, said
     assert "machine driver namespace at after arm control loopback /arm " in said
     assert "camera tracking of-tracking /camera teleop control true arm, camera" in said
@@ -57,8 +57,8 @@ def test_check_shows_what_each_machine_starts(command):
 
 def test_check_tells_what_keeps_machines_apart(command):
     local = 'environment = { ROS_AUTOMATIC_DISCOVERY_RANGE = "LOCALHOST" }\n'
-    code, said = command("lab", "check", "LAB", text=local + TWO)
-    assert code == 0, said
+    code, said = command("lab", "check", "LAB", "--no-ros", text=local + TWO)
+    assert code == 1, said
     assert "the machines of this lab cannot see each other" in said
     assert "the shell of each machine decides its domain" in said
 
@@ -66,18 +66,18 @@ def test_check_tells_what_keeps_machines_apart(command):
 def test_check_on_a_foreign_machine_checks_all_settings(command, monkeypatch):
     monkeypatch.setattr("socket.gethostname", lambda: "elsewhere")
     real = TWO.replace("of-tracking", "ati-netft")
-    code, said = command("lab", "check", "LAB", "--sim", text=real)
+    code, said = command("lab", "check", "LAB", "--no-ros", "--sim", text=real)
     assert code == 0, said
     assert "this machine is called 'elsewhere', and the lab file names control, tracking" in said
     assert "camera tracking ati-netft /camera a simulator" in said
     assert "libraries and commands are on the machines of the lab" in said
-    code, said = command("lab", "check", "LAB", text=real)
+    code, said = command("lab", "check", "LAB", "--no-ros", text=real)
     assert code == 2, "the other machine's address is missing"
     assert "host" in said
 
 
 def test_check_of_another_machine_is_typed(command):
-    code, said = command("lab", "check", "LAB", "--machine", "laptop")
+    code, said = command("lab", "check", "LAB", "--no-ros", "--machine", "laptop")
     assert code == 2
     assert "there is no program 'nowhere-at-all'" in said
 
