@@ -30,17 +30,22 @@ _CHANGING: Final = frozenset(
 )
 """Objects that a drive changes by itself: each look at them counts."""
 
-_MAKERS: Final = range(0x2000, 0x6000)
-"""Objects of the maker's own (CiA 301, 7.4.3): nobody knows what else one of them changes."""
+_COMMUNICATION: Final = range(0x1000, 0x2000)
+"""Objects of CiA 301: one of them changes nothing but itself."""
 
-_SCALING: Final = frozenset({0x607E, *range(0x608F, 0x6098), 0x60A8, 0x60A9, 0x60AA})
-"""Polarity, factors and units (CiA 402-2, 9.3): what they change may read as another number."""
+_SCALING: Final = frozenset(
+    {0x6075, 0x6076, 0x607E, *range(0x608F, 0x6098), 0x60A8, 0x60A9, 0x60AA}
+)
+"""Ratings, polarity, factors and units (CiA 402-2): what they change may read as another number."""
+
+_ALONE: Final = frozenset(entry.index for entry in OBJECTS.values()) - _SCALING
+"""Objects that change nothing else; of any other, as those of the maker or of the motor, nobody knows."""
 
 
 class ReadOnce:
     """The transfers of one node: what it has answered is not asked again before something is written.
 
-    A write forgets the whole object, with all its sub-indices. One of scaling or of the maker's forgets all.
+    A write forgets the whole object, with all its sub-indices; one that may change others forgets all.
 
     Args:
         port: carries out the transfers.
@@ -78,7 +83,7 @@ class ReadOnce:
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
         """Write the bytes of an object; see `SdoPort.download`."""
-        if index in _MAKERS or first_axis(index) in _SCALING:
+        if index not in _COMMUNICATION and first_axis(index) not in _ALONE:
             self._answers.clear()
         self._answers = {key: each for key, each in self._answers.items() if key[0] != index}
         self._port.download(index, subindex, data)

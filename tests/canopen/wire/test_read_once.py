@@ -126,9 +126,10 @@ def set_window(sim: RunningSim, value: int) -> None:
         (OBJECTS["following_error_time"], 5),
         (OBJECTS["feed"], 6),
         (Entry(0x2010, 1, ObjectType.U16, "of the maker"), 6),
+        (OBJECTS["motor_rated_current"], 6),
     ],
 )
-def test_scaling_and_makers_objects_make_others_read_anew(written: Entry, found: int) -> None:
+def test_what_may_change_others_makes_them_read_anew(written: Entry, found: int) -> None:
     with drives(1) as sim, readings(sim) as (_, known):
         set_window(sim, 5)
         sdo = known.sdo(1)
