@@ -11,6 +11,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -24,7 +25,7 @@ from crtk_driver_canopen.cycle import Cycle, CycleCounters, KernelSync, SentSync
 from crtk_driver_canopen.foreign import SYNC_TEXT, ForeignMaster
 from crtk_driver_canopen.heartbeat import NmtCommand, NmtState
 from crtk_driver_canopen.jobs import NodeJobs
-from crtk_driver_canopen.layout import Layout, plan
+from crtk_driver_canopen.layout import CobIds, Layout, plan
 from crtk_driver_canopen.lowered_limits import LoweredLimits
 from crtk_driver_canopen.master import BootUp, Master
 from crtk_driver_canopen.modes import WAYS, OpMode, Way
@@ -38,7 +39,7 @@ from crtk_driver_canopen.stopping import RPDO_TIMEOUT, LastResort, quick_stop_fr
 from crtk_driver_canopen.targets import UNHEARD, PositionTarget
 from crtk_driver_canopen.units import GroupUnits
 from crtk_driver_canopen.whereabouts import Whereabouts
-from crtk_drivers.errors import ConnectionFailed, CrtkError
+from crtk_drivers.errors import ConnectionFailed, ConnectionLost, CrtkError
 from crtk_drivers.samples import Stamp
 
 logger = logging.getLogger(__name__)
@@ -63,6 +64,9 @@ PROBED: Final = 0.2
 
 COLLECT: Final = 0.6
 """Part of a period in which the drives' PDOs are waited for: the rest is for what they are sent."""
+
+JOBS_TIME: Final = 0.5
+"""Seconds at the end for jobs that go on: what they write into drives counts."""
 
 JOB_SLICE: Final = 0.0005
 """Seconds for which a request of a job waits, while that time lasts: its thread wakes nobody."""
@@ -200,8 +204,25 @@ class ArmLink:
             self.layout = plan(config, told)
             self._foreign.watch(self.layout.rpdos.pdos)
         self.found, self.held = secure(self, config, readings)
+        try:
+            self._set_up(told, readings, deadline)
+        except CrtkError:
+            self.link.give_up_at = math.inf
+            with suppress(ConnectionLost):  # why it fails is known
+                self.give_back_limits()
+            raise
+
+    def _set_up(self, told: CobIds | None, readings: Readings, deadline: float) -> None:
+        """Make the drives ready, start them, and exchange until each has told where it is.
+
+        Args:
+            told: COB-IDs that the drives have, where they count.
+            readings: what has been read of them just before.
+            deadline: monotonic seconds.
+        """
+        config = self._config
         facts, self.layout = prepare_all(
-            self._master, config, self.layout, told, self.lowered, readings, deadline
+            self.master, config, self.layout, told, self.lowered, readings, deadline
         )
         self.axes = [Axis(name, joint, facts[name]) for name, joint in config.joints.items()]
         for axis in self.axes:
@@ -212,7 +233,7 @@ class ArmLink:
         overflow, period = config.sync_counter, config.period
         kernel = config.kernel_sync
         sync = KernelSync(self.link, period, overflow) if kernel else SentSync(self.link, overflow)
-        self._cycle = Cycle(self._master, self.layout.tpdos, self.layout.rpdos, sync)
+        self._cycle = Cycle(self.master, self.layout.tpdos, self.layout.rpdos, sync)
         self._tardy = [0] * len(self.layout.tpdos)
         self._signals = Signals(self.layout, self.axes)
         self.targets, self.whereabouts = [], []
@@ -360,6 +381,19 @@ class ArmLink:
     def late(self, cycles: int) -> set[int]:
         """Nodes whose PDOs have not come for more than `cycles` of their turns."""
         return {pdo.node for pdo in self.cycle.stale(cycles) if cycles or pdo.transmission == 1}
+
+    def give_back_limits(self) -> None:
+        """Give drives without power the limits of speed that they held before this program lowered them.
+
+        Raises:
+            ConnectionLost: the bus cannot be used.
+        """
+        self.master.poll(time.monotonic() + JOBS_TIME, lambda: not self.jobs.running)
+        if self.jobs.running:
+            logger.warning("%s: drives that are being set up keep lowered limits", self.where)
+            return
+        lost = set(self.master.watch.lost(time.monotonic()))
+        self.lowered.give_back(self.master, set(self._config.nodes) - lost)
 
     def close(self) -> None:
         """Leave the drives to themselves, and close the bus. May be called twice."""

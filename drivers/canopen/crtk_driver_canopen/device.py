@@ -131,13 +131,9 @@ class CanopenDevice(Device):
         """
         try:
             if self.link.is_live:
-                if any(axis.is_powered for axis in self.axes):
-                    self._leave()
-                powered = {axis.config.node for axis in self.axes if axis.is_powered}
-                silent = set(self._troubles.missing(time.monotonic()))
-                without = set(self._config.nodes) - powered - silent
-                if not self.link.jobs.running:
-                    self.link.lowered.give_back(self.link.master, without)
+                is_safe = not any(axis.is_powered for axis in self.axes) or self._leave()
+                if is_safe:  # else our heartbeat ends at once, and with it drives that go on
+                    self.link.give_back_limits()
         except ConnectionLost as error:
             logger.warning(
                 "%s: the drives are left to stop by themselves: %s", self.link.where, error
@@ -145,11 +141,14 @@ class CanopenDevice(Device):
         finally:
             self.link.close()
 
-    def _leave(self) -> None:
+    def _leave(self) -> bool:
         """Stop the joints, then take the power from the drives or leave them holding.
 
         Where that they stand is not read back, they are told to stop quickly, and what stops them without us
         stays armed.
+
+        Returns:
+            Whether it was read back that they stand, and hold or have no power.
 
         Raises:
             ConnectionLost: the bus, or every drive on it, is gone.
@@ -160,12 +159,13 @@ class CanopenDevice(Device):
         stopped = self._run_until(lambda: self.has_stopped, max(0.0, rest))
         if stopped and self._config.on_close == "hold":
             leave_holding(self.link, self._config)
-            return
+            return True
         for axis in self.axes:
             if axis.is_powered:
                 axis.drive.request(State.DISABLED if stopped else State.QUICK_STOP)
         gone = self._run_until(lambda: not self._powered, POWER_TIME)
-        if not stopped or not gone:
+        is_safe = stopped and gone
+        if not is_safe:
             unheard = [f"node {node}" for node in sorted(self._troubles.missing(time.monotonic()))]
             powered = ", ".join([*(axis.place for axis in self._powered), *unheard])
             logger.error(
@@ -174,6 +174,7 @@ class CanopenDevice(Device):
                 self.link.where,
                 f": {powered}" if powered else "",
             )
+        return is_safe
 
     @property
     def _powered(self) -> list[Axis]:

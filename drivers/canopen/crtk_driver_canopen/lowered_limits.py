@@ -7,12 +7,14 @@ is switched off.
 from __future__ import annotations
 
 import logging
-from collections.abc import Container
+import time
+from collections.abc import Callable, Container
 from typing import Final, NamedTuple
 
 from crtk_driver_canopen.master import Master
-from crtk_driver_canopen.objects import Entry
-from crtk_driver_canopen.sdo import Sdo
+from crtk_driver_canopen.objects import OBJECTS, Entry
+from crtk_driver_canopen.sdo import Sdo, SdoSilent
+from crtk_driver_canopen.statemachine import POWERED, decode
 from crtk_driver_canopen.transfers import SdoChannel
 from crtk_drivers.errors import ConnectionLost, CrtkError
 
@@ -20,6 +22,17 @@ logger = logging.getLogger(__name__)
 
 _ANSWER: Final = 0.25
 """Seconds for an answer: the end of a program does not wait for drives that do not answer."""
+
+_ALL: Final = 0.75
+"""Seconds for the answers of all drives, for the same reason: each one may be slow."""
+
+
+class _Place(NamedTuple):
+    """An object of an axis of a node."""
+
+    node: int
+    axis: int
+    entry: Entry
 
 
 class _Lowered(NamedTuple):
@@ -33,11 +46,11 @@ class LoweredLimits:
     """Of the drives of an arm, for as long as the program runs: a drive may be set up again and again."""
 
     def __init__(self) -> None:
-        self._rows: dict[tuple[int, Entry], _Lowered] = {}
+        self._rows: dict[_Place, _Lowered] = {}
 
-    def note(self, node: int, entry: Entry, found: int, given: int) -> None:
-        """Take note of an object, of its axis, that held `found` and holds what it was `given`."""
-        self._rows[node, entry] = _Lowered(found, given)
+    def note(self, node: int, axis: int, entry: Entry, found: int, given: int) -> None:
+        """Take note of an object, of an axis, that held `found` and is `given` another value."""
+        self._rows[_Place(node, axis, entry)] = _Lowered(found, given)
 
     def give_back(self, master: Master, nodes: Container[int]) -> None:
         """Let drives without power hold what they held; what somebody else has changed since is left.
@@ -46,22 +59,37 @@ class LoweredLimits:
 
         Args:
             master: of the open bus.
-            nodes: that answer.
+            nodes: that may answer.
 
         Raises:
             ConnectionLost: the bus cannot be used.
         """
-        try:
-            for (node, entry), row in list(self._rows.items()):
-                if node not in nodes:
-                    continue
-                sdo = Sdo(SdoChannel(master.link, node, _ANSWER, master.poll))
-                if sdo.read(entry) == row.given:
-                    sdo.ensure(entry, row.found)
-                del self._rows[node, entry]
-        except ConnectionLost:
-            raise
-        except CrtkError as error:
-            logger.warning(
-                "%s: a drive may keep a limit that was lowered: %s", master.link.where, error
-            )
+        deadline = time.monotonic() + _ALL
+
+        def poll(until: float, done: Callable[[], bool]) -> bool:
+            return master.poll(min(until, deadline), done)
+
+        silent: set[int] = set()
+        for place, row in list(self._rows.items()):
+            if place.node not in nodes or place.node in silent:
+                continue
+            sdo = Sdo(SdoChannel(master.link, place.node, _ANSWER, poll), place.axis)
+            try:
+                if self._gave_back(sdo, place.entry, row):
+                    del self._rows[place]
+            except ConnectionLost:
+                raise
+            except CrtkError as error:
+                if isinstance(error, SdoSilent):
+                    silent.add(place.node)
+                logger.warning("%s: it may keep a limit that was lowered: %s", sdo.where, error)
+
+    @staticmethod
+    def _gave_back(sdo: Sdo, entry: Entry, row: _Lowered) -> bool:
+        """Give an axis back what an object held; return False if it has power: it could go faster."""
+        state = decode(sdo.read(OBJECTS["statusword"]))  # what it told last may be old
+        if state is None or state in POWERED:
+            return False
+        if sdo.read(entry) == row.given:
+            sdo.ensure(entry, row.found)
+        return True

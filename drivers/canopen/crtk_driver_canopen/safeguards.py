@@ -200,8 +200,9 @@ def write_speed_limits(
             continue
         wanted = min(max(1, math.ceil(HEADROOM * needed)), _U32)
         if not found or found > wanted:
-            if _noted(notes, partial(sdo.ensure, entry, wanted)):
-                lowered.note(joint.node, entry.on_axis(sdo.axis), found, wanted)
+            # Before it is written: the drive may take it, and its answer be lost.
+            lowered.note(joint.node, sdo.axis, entry, found, wanted)
+            _noted(notes, partial(sdo.ensure, entry, wanted))
         elif found < needed:
             own = f"{entry.on_axis(sdo.axis)} is {found}"
             notes.append(f"{own}: less than the joint's velocity needs ({needed:.0f})")
