@@ -86,3 +86,54 @@ def test_a_client_that_writes_at_once_is_answered(line):
     assert len(line.sessions) == 2
     assert os.read(client, 100) == b"hello\n"
     os.close(client)
+
+
+def answers(line, client):
+    """Whether a client is answered by the newest session."""
+    os.write(client, b"hello\n")
+    eventually(lambda: line.look() or line.sessions[-1].heard.endswith(b"hello\n"))
+    return os.read(client, 100) == b"hello\n"
+
+
+def test_one_of_two_that_opened_at_once_may_leave(line):
+    first, second = line.open(), line.open()
+    line.look()
+    os.close(first)
+    line.look()
+    assert answers(line, second)
+    assert [session.is_closed for session in line.sessions] == [False]
+    os.close(second)
+    line.look()
+    client = line.open()
+    line.look()
+    assert answers(line, client)
+    os.close(client)
+
+
+def test_two_that_close_at_once_have_both_left(line):
+    clients = [line.open()]
+    line.look()
+    clients.append(line.open())
+    line.look()
+    for client in clients:
+        os.close(client)
+    line.look()
+    assert line.server.clients == 0
+    assert [session.is_closed for session in line.sessions] == [True, False]
+
+
+def test_who_comes_while_last_words_are_read_is_answered(line, monkeypatch):
+    os.close(line.open())
+    came = []
+
+    def read():
+        if not came:
+            came.append(line.open())
+            os.write(came[0], b"hello\n")
+        return tty_read()
+
+    tty_read = line.server._tty.read
+    monkeypatch.setattr(line.server._tty, "read", read)
+    eventually(lambda: line.look() or line.sessions[-1].heard == b"hello\n")
+    assert os.read(came[0], 100) == b"hello\n"
+    os.close(came[0])

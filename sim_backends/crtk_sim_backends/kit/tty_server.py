@@ -115,9 +115,14 @@ class TtyServer:
         if not self._tty.look():
             return
         # The kernel hands on what a client has written some time later, but at once to whoever reads.
+        data = b""
         while not self._tty.clients and (data := self._tty.read()):
-            self._line.carry(Direction.IN, data)
+            self._tty.look()
+            if not self._tty.clients:
+                self._line.carry(Direction.IN, data)
         self._begin_anew()
+        if self._tty.clients:
+            self._line.carry(Direction.IN, data)  # it may be of the client who has come meanwhile
 
     def _receive(self, events: int) -> None:
         self._look(events)  # who has sent this
