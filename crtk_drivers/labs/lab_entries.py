@@ -19,8 +19,8 @@ NAMESPACE: Final = r"(/[A-Za-z_][A-Za-z0-9_]*)+"
 
 ENCLAVE: Final = rf"/|{NAMESPACE}"
 
-HOST_NAME: Final = r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?"
-"""Source: RFC 1123, section 2.1."""
+HOST_NAME: Final = r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?"
+"""Source: RFC 1123, section 2.1; and the underscore, which Linux takes too."""
 
 ALL_MACHINES: Final = "all"
 """In place of the name of a machine: the whole lab, on whatever machine this is."""
@@ -44,9 +44,11 @@ def _is_command(command: tuple[str, ...]) -> tuple[str, ...]:
 
 def _is_machine(machine: str) -> str:
     if machine and not re.fullmatch(HOST_NAME, machine):
-        raise ValueError(f"{machine!r} is no host name: letters, digits, - and . between them")
-    if machine == ALL_MACHINES:
-        raise ValueError(f"{machine!r} is no machine: --machine {machine} is the whole lab")
+        raise ValueError(
+            f"{machine!r} is no host name: letters and digits; -, _ and . between them"
+        )
+    if machine.casefold() == ALL_MACHINES:
+        raise ValueError(f"{machine!r} is no machine: --machine {ALL_MACHINES} is the whole lab")
     return machine
 
 

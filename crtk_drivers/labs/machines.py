@@ -7,7 +7,7 @@ another. A machine is named as it calls itself (its host name).
 from __future__ import annotations
 
 import socket
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from crtk_drivers.config import Layer
@@ -55,7 +55,7 @@ class Shares:
 
 
 class NoMachineOfLab(ConfigError):
-    """The machine that this is does not start anything of the lab, by its host name."""
+    """The lab file does not say which machine this is, by its host name."""
 
 
 def shares_of(settings: LabSettings, lab: Layer) -> Shares:
@@ -104,26 +104,30 @@ def named_machine(shares: Shares, given: str = "") -> str:
         given: a name that was typed, or `ALL_MACHINES`; empty: go by the host name.
 
     Raises:
-        NoMachineOfLab: this machine is not in the lab file.
+        NoMachineOfLab: this machine is not in the lab file, or it can be two of them.
         ConfigError: the one that was typed is not.
     """
+    is_all = given.casefold() == ALL_MACHINES
     if not shares.machines:
-        if given in ("", ALL_MACHINES):
+        if is_all or not given:
             return ""
         raise ConfigError(
             f"{given}: the lab file names no machine",
             where="--machine",
             remedy='Leave --machine out, or give its devices one: machine = "..."',
         )
-    if given == ALL_MACHINES:
+    if is_all:
         return ALL_MACHINES
     host = given or socket.gethostname()
-    found = next((name for name in shares.machines if is_called(host, name)), "")
-    if not found and not given:
-        found = next((name for name in shares.machines if is_called(name, host)), "")
-    if found:
-        return found
+    found = _called(host, shares.machines)
+    if len(found) == 1:
+        return found[0]
     names = ", ".join(shares.machines)
+    if found:
+        raise NoMachineOfLab(
+            f"{host!r} can be {' or '.join(found)} of the lab file",
+            remedy=f"Say which of them this one is, --machine {found[0]}.",
+        )
     if given:
         raise ConfigError(
             f"there is no machine {given!r} in the lab file",
@@ -135,6 +139,12 @@ def named_machine(shares: Shares, given: str = "") -> str:
         remedy=f"Say which of them this one is, --machine {shares.machines[0]}; or --machine {ALL_MACHINES}, "
         "for the whole lab on this one.",
     )
+
+
+def _called(host: str, names: Sequence[str]) -> list[str]:
+    """Return which of some machines a host name can mean: the same name, else one that is longer or shorter."""
+    same = [name for name in names if name.casefold() == host.casefold()]
+    return same or [name for name in names if is_called(host, name) or is_called(name, host)]
 
 
 def is_called(host: str, name: str) -> bool:

@@ -55,6 +55,30 @@ def test_this_machine_goes_by_its_host_name(written, monkeypatch):
         load_lab(written(TWO), machine="")
 
 
+def test_a_machine_may_be_written_long_and_typed_short(written):
+    long = written(TWO.replace('"control"', '"Control.lab.example"'))
+    assert load_lab(long, machine="control").machine == "Control.lab.example"
+
+
+def test_a_host_name_may_have_an_underscore(written, monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "lab_pc")
+    assert load_lab(written(TWO.replace('"control"', '"lab_pc"')), machine="").machine == "lab_pc"
+
+
+def test_a_short_name_of_two_machines_is_refused(written, monkeypatch):
+    two = TWO.replace('"control"', '"pc.left"').replace('"tracking"', '"pc.right"')
+    monkeypatch.setattr("socket.gethostname", lambda: "pc")
+    with pytest.raises(ConfigError, match=r"pc\.left.*pc\.right.*--machine pc\.left"):
+        load_lab(written(two), machine="")
+    monkeypatch.setattr("socket.gethostname", lambda: "pc.left")
+    assert load_lab(written(two), machine="").machine == "pc.left"
+
+
+def test_all_machines_are_typed_in_any_case(written):
+    lab = load_lab(written(TWO.replace("a-plugin-of-that-machine", "loopback")), machine="ALL")
+    assert tuple(lab.devices) == ("arm", "camera")
+
+
 def test_the_whole_lab_needs_every_plugin(written):
     with pytest.raises(ConfigError, match="a-plugin-of-that-machine"):
         load_lab(written(TWO))
@@ -66,8 +90,8 @@ def test_the_whole_lab_needs_every_plugin(written):
     [
         ('machine = "control"\n', "", "nobody says which machine starts arm"),
         ('"tracking"', '"control.lab.example"', "are one machine by their names"),
-        ('"tracking"', '"track_ing"', "is no host name"),
-        ('"tracking"', '"all"', "is no machine"),
+        ('"tracking"', '"-tracking"', "is no host name"),
+        ('"tracking"', '"All"', "is no machine"),
         (
             'plugin = "a-plugin',
             'namespace = "/arm"\nplugin = "a-plugin',
