@@ -19,7 +19,7 @@ command = ["python", "teleop.py"]
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from operator import attrgetter
@@ -235,8 +235,8 @@ def load_lab(
         if not shares.is_of(("devices", name), here)
     }
     _check_alone(found, elsewhere, layer)
-    order = _ordered(found, settings, layer)
-    devices = {name: _coupled(found[name], found) for name in order}
+    order = _ordered({**found, **elsewhere}, settings, layer)
+    devices = {name: _coupled(found[name], found) for name in order if name in found}
     programs = {} if only else dict(_programs(settings, layer, shares, here))
     return Lab(
         settings.name,
@@ -362,12 +362,15 @@ def _check_alone(
     check_places("address", addresses, lab)
 
 
-def _ordered(devices: Mapping[str, LabDevice], settings: LabSettings, lab: Layer) -> list[str]:
+def _ordered(names: Collection[str], settings: LabSettings, lab: Layer) -> list[str]:
+    """Return names of devices, those that others come after first, on whatever machines they are."""
     sorter: TopologicalSorter[str] = TopologicalSorter()
-    for name, device in devices.items():
-        for other in device.after:
+    for name in names:
+        entry = settings.devices[name]
+        after = dict.fromkeys((*entry.carriers, *entry.after))
+        for other in after:
             require_device(other, settings, lab.place(("devices", name)))
-        sorter.add(name, *(other for other in device.after if other in devices))
+        sorter.add(name, *(other for other in after if other in names))
     try:
         return list(sorter.static_order())
     except CycleError as error:

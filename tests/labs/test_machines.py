@@ -79,6 +79,26 @@ def test_all_machines_are_typed_in_any_case(written):
     assert tuple(lab.devices) == ("arm", "camera")
 
 
+CYCLE = """
+[devices.arm]
+plugin = "loopback"
+machine = "control"
+after = ["camera"]
+
+[devices.camera]
+plugin = "a-plugin-of-that-machine"
+machine = "tracking"
+after = ["arm"]
+"""
+
+
+def test_machines_that_wait_for_each_other_are_refused(written):
+    with pytest.raises(ConfigError, match="each waits for the next: .*arm"):
+        load_lab(written(CYCLE), machine="control")
+    with pytest.raises(ConfigError, match="there is no device 'hand'"):
+        load_lab(written(CYCLE.replace('["arm"]', '["hand"]')), machine="control")
+
+
 def test_the_whole_lab_needs_every_plugin(written):
     with pytest.raises(ConfigError, match="a-plugin-of-that-machine"):
         load_lab(written(TWO))
