@@ -142,7 +142,7 @@ def named_machine(shares: Shares, given: str = "") -> str:
 
 
 def _called(host: str, names: Sequence[str]) -> list[str]:
-    """Return which of some machines a host name can mean: the same name, else one that is longer or shorter."""
+    """Return which machines a host name can mean: the same name, else one longer or shorter."""
     same = [name for name in names if name.casefold() == host.casefold()]
     return same or [name for name in names if is_called(host, name) or is_called(name, host)]
 

@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -81,6 +81,15 @@ def shortened(text: str) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
 
 
+def line_of(values: Mapping[str, Any]) -> bytes:
+    """Return values as a line for a pipe, with letters of four bytes at most: escaped, some have twelve.
+
+    Half of a pair, which no UTF-8 has, is escaped as JSON escapes it.
+    """
+    text = json.dumps(values, ensure_ascii=False)
+    return text.encode(errors="backslashreplace") + b"\n"
+
+
 def whoever_started() -> tuple[int, Pulse | None] | None:
     """Return the pipe to a lab that started this process, and its pulse; None if none did. Once only."""
     descriptor, end = (os.environ.pop(name, "") for name in (REPORT_FD, PULSE_FD))
@@ -146,7 +155,7 @@ class Reporter:
         now = self._clock()
         if now < self._due and str(status.state) == self._told:
             return True
-        line = json.dumps(asdict(Report.of(status, health))).encode() + b"\n"
+        line = line_of(asdict(Report.of(status, health)))
         try:
             if not self._pipe.put(line):
                 return True

@@ -5,11 +5,10 @@ The process that watches them writes these lines, and whoever started it reads t
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, replace
 from typing import Final
 
-from crtk_drivers.labs.reports import read_objects, shortened
+from crtk_drivers.labs.reports import line_of, read_objects, shortened
 
 __all__ = ["LARGEST_OFFSET", "Seen", "read_seen"]
 
@@ -62,7 +61,7 @@ class Seen:
     def line(self) -> bytes:
         """The same as a line for the pipe, which takes it as a whole or not at all."""
         short = replace(self, cause=shortened(self.cause), host=shortened(self.host))
-        return json.dumps(asdict(short)).encode() + b"\n"
+        return line_of(asdict(short))
 
 
 def read_seen(descriptor: int, rest: bytes) -> tuple[list[Seen], bytes]:

@@ -93,7 +93,7 @@ after = ["arm"]
 
 
 def test_machines_that_wait_for_each_other_are_refused(written):
-    with pytest.raises(ConfigError, match="each waits for the next: .*arm"):
+    with pytest.raises(ConfigError, match=r"each waits for the next: .*arm"):
         load_lab(written(CYCLE), machine="control")
     with pytest.raises(ConfigError, match="there is no device 'hand'"):
         load_lab(written(CYCLE.replace('["arm"]', '["hand"]')), machine="control")

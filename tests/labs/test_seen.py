@@ -29,6 +29,19 @@ def test_a_line_fits_into_the_pipe_as_a_whole():
     assert line.endswith(b"\n")
 
 
+@pytest.mark.parametrize("letter", ["\N{GRINNING FACE}", "\N{SNOWMAN}", '"', "\n", "\ud83d"])
+def test_a_line_of_any_letters_fits_and_is_read(letter):
+    reading, writing = os.pipe()
+    os.set_blocking(reading, False)
+    line = Seen("arm", True, cause=letter * 9999, host=letter * 9999).line
+    assert len(line) < select.PIPE_BUF
+    os.write(writing, line)
+    [found], _ = read_seen(reading, b"")
+    assert found.cause.startswith(letter)
+    os.close(writing)
+    os.close(reading)
+
+
 @pytest.mark.parametrize(
     ("offset", "uncertainty", "other"),
     [
