@@ -82,7 +82,8 @@ class HeardDevice:
         """Return the drivers in this namespace, the one that serves first."""
         since = time.monotonic() - GONE_AFTER
         with self._lock:
-            found = [word for word, arrived in self._words.values() if arrived > since]
+            self._words = {key: each for key, each in self._words.items() if each[1] > since}
+            found = [word for word, _ in self._words.values()]
         return tuple(sorted(found, key=lambda word: word.rank))
 
     def seen(self) -> Seen:
