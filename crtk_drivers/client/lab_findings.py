@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
@@ -62,9 +63,10 @@ def findings(lab: Lab, view: View) -> Iterator[Finding]:
     spaces |= {name: device.namespace for name, device in lab.elsewhere.items()}
     for name, looked in view.looked.items():
         if looked.seen.seen:
-            yield from _wrong_places(name, spaces[name], machines[name], looked)
+            yield from _wrong_places(name, spaces[name], machines[name], looked, lab)
     yield from _wrong_versions(view)
-    yield from _wrong_clocks(lab, view)
+    yield from _wrong_clocks(lab, view, machines)
+    yield from _strange_hosts(lab, view, machines)
     missing = [name for name in lab.elsewhere if not view.looked[name].seen.seen]
     for domain, found in view.other_domains.items():
         for name in [name for name in missing if name in found]:
@@ -85,7 +87,9 @@ def clock_words(looked: Looked) -> str:
     return f"{rounded:+.1f} {unit} (± {uncertainty * 1e3:.1f} ms)"
 
 
-def _wrong_places(name: str, space: str, machine: str, looked: Looked) -> Iterator[Finding]:
+def _wrong_places(
+    name: str, space: str, machine: str, looked: Looked, lab: Lab
+) -> Iterator[Finding]:
     drivers, host = looked.drivers, looked.seen.host
     if len(drivers) > 1:
         yield Finding(
@@ -93,11 +97,36 @@ def _wrong_places(name: str, space: str, machine: str, looked: Looked) -> Iterat
             + "; ".join(driver.name for driver in drivers),
             f"End those that are not of {machine}.",
         )
-    elif host and not (is_called(host, machine) or is_called(machine, host)):
+        return
+    owners = [each for each in lab.machines if _may_be(host, each, lab)]
+    if owners and machine not in owners:
         yield Finding(
             f"{name} runs on {host}, and the lab file gives it to {machine}",
-            f'End it there, or write machine = "{host}" at it.',
+            f'End it there, or write machine = "{owners[0]}" at it.',
         )
+
+
+def _strange_hosts(lab: Lab, view: View, machines: Mapping[str, str]) -> Iterator[Finding]:
+    """Yield each host that is no machine of the lab by its name: `--machine` may have been typed there."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for name, looked in view.looked.items():
+        host = looked.seen.host
+        if not any(_may_be(host, each, lab) for each in lab.machines):
+            found.setdefault((host, machines[name]), []).append(name)
+    for (host, machine), names in found.items():
+        yield Finding(
+            f"{host}, which the lab file does not name, runs {', '.join(names)} of {machine}",
+            f"That is in order if {host} was started with --machine {machine}. Otherwise end it there, or "
+            f'write machine = "{host}".',
+            is_wrong=False,
+        )
+
+
+def _may_be(host: str, machine: str, lab: Lab) -> bool:
+    """Whether a host can be a machine of the lab; one that did not say its name can be any."""
+    if host == socket.gethostname():  # which may be called otherwise: `--machine`
+        return machine == lab.machine
+    return not host or is_called(host, machine) or is_called(machine, host)
 
 
 def _wrong_versions(view: View) -> Iterator[Finding]:
@@ -117,11 +146,11 @@ def _wrong_versions(view: View) -> Iterator[Finding]:
             )
 
 
-def _wrong_clocks(lab: Lab, view: View) -> Iterator[Finding]:
+def _wrong_clocks(lab: Lab, view: View, machines: Mapping[str, str]) -> Iterator[Finding]:
     """Yield each machine whose clock is off: of its devices, the one of which that is known best."""
     found: dict[str, Looked] = {}
-    for looked in view.looked.values():
-        host, doubt = looked.seen.host, looked.seen.uncertainty
+    for name, looked in view.looked.items():
+        host, doubt = looked.seen.host or machines[name], looked.seen.uncertainty
         if doubt is not None and not is_called(host, lab.machine):
             best = found.get(host)
             if best is None or doubt < (best.seen.uncertainty or 0.0):

@@ -61,10 +61,30 @@ def test_nothing_is_wrong_with_a_lab_in_order(judge):
 
 
 def test_a_device_on_another_host_is_wrong(judge):
-    [(wrong, text, remedy)] = judge(camera=looked("camera", "laptop"))
+    [(wrong, text, remedy)] = judge(camera=looked("camera", "control"))
     assert wrong
-    assert text == "camera runs on laptop, and the lab file gives it to tracking"
+    assert text == "camera runs on control, and the lab file gives it to tracking"
+    assert 'machine = "control"' in remedy
+
+
+def test_hosts_outside_the_lab_file_are_a_note(judge):
+    [(wrong, text, remedy)] = judge(
+        camera=looked("camera", "laptop"), hand=looked("hand", "laptop")
+    )
+    assert not wrong
+    assert text == "laptop, which the lab file does not name, runs camera, hand of tracking"
+    assert "--machine tracking" in remedy
     assert 'machine = "laptop"' in remedy
+
+
+def test_this_machine_may_be_called_otherwise(judge, monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "pc7")
+    assert judge(arm=looked("arm", "pc7")) == []
+
+
+def test_a_clock_of_an_unnamed_host_is_its_machines(judge):
+    [(_, text, _)] = judge(camera=looked("camera", "", 0.5, 0.0001))
+    assert text.startswith("the clock of tracking is off by")
 
 
 def test_two_drivers_in_one_namespace_are_wrong(judge):
