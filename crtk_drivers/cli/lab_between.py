@@ -87,6 +87,6 @@ def _table(lab: Lab, view: View) -> Table:
         if seen.seen:
             style = STATE_STYLES[OperatingState(seen.state)] if seen.state else ""
             state = Text(seen.state or "no state", style)
-        words = (seen.host, state, looked.driver_version, clock_words(looked))
-        table.add_row(Text(name, "bold cyan"), device.machine, *words)
+        said = Text(seen.host), state, Text(looked.driver_version), Text(clock_words(looked))
+        table.add_row(Text(name, "bold cyan"), device.machine, *said)
     return table

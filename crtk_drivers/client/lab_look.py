@@ -12,6 +12,7 @@ from crtk_drivers.client.clock_offset import measured_offset
 from crtk_drivers.client.discovery import POLL, Catalogue
 from crtk_drivers.client.heard_devices import HeardDevice, heard_devices
 from crtk_drivers.client.survey import LATEST
+from crtk_drivers.errors.wording import printable
 from crtk_drivers.labs.seen import Seen
 from crtk_drivers.ros.presence import Word
 
@@ -77,5 +78,8 @@ def look(namespaces: Mapping[str, str], domain: int | None = None) -> dict[str, 
 def _looked(device: HeardDevice, catalogue: Catalogue) -> Looked:
     catalogue.look()
     manifest = catalogue.manifest
-    versions = (str(manifest.get(key, "")) for key in ("driver_version", "crtk_version"))
+    versions = (
+        printable(str(manifest.get(key, "")), keeping="")
+        for key in ("driver_version", "crtk_version")
+    )
     return Looked(device.seen(), device.drivers(), *versions)
