@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from operator import attrgetter
@@ -234,7 +235,14 @@ def load_lab(
         for name, entry in settings.devices.items()
         if not shares.is_of(("devices", name), here)
     }
-    _check_alone(found, elsewhere, layer)
+    drivers = {device.plugin.name for device in found.values()}
+    others: dict[str, LabDevice] = {}
+    for name, other in elsewhere.items():
+        if other.plugin in drivers:
+            with suppress(ConfigError):  # which is told where it is started
+                device = _device(name, settings.devices[name], layer, path, sim, is_secured)
+                others[name] = replace(device, machine=other.machine)
+    _check_alone({**found, **others}, elsewhere, layer)
     order = _ordered({**found, **elsewhere}, settings, layer)
     devices = {name: _coupled(found[name], found) for name in order if name in found}
     programs = {} if only else dict(_programs(settings, layer, shares, here))

@@ -158,6 +158,18 @@ def test_a_serial_port_is_one_of_each_machine(written):
         load_lab(written(both.replace('"two"', '"one"')))
 
 
+def test_an_address_of_the_network_is_one_of_all_machines(written, tmp_path):
+    both = "\n".join(
+        f'[devices.{name}]\nplugin = "ati-netft"\nmachine = "{machine}"\nsettings.host = "192.168.1.1"'
+        for name, machine in (("left", "one"), ("right", "two"))
+    )
+    with pytest.raises(ConfigError, match="left and right have one address"):
+        load_lab(written(both), machine="one")
+    assert load_lab(written(both), machine="one", sim=True).elsewhere
+    there = both + '\nconfig = "only-there.toml"'
+    assert load_lab(written(there), machine="one").elsewhere, "its settings are checked there"
+
+
 @pytest.mark.parametrize(
     ("host", "name", "same"),
     [
