@@ -499,6 +499,12 @@ def test_importing_the_package_brings_neither_ros_nor_the_command_line() -> None
     assert result.stdout == "[]\n"
 
 
+def test_a_lab_is_brought_up_without_importing_ros() -> None:
+    code = "import sys, crtk_drivers.cli.up_command; print('rclpy' in sys.modules)"
+    out = subprocess.check_output([sys.executable, "-c", code], text=True, timeout=100)
+    assert out == "False\n"
+
+
 @pytest.mark.sweep(2)
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 def test_a_simulator_runs_until_it_is_told_to_stop(tmp_path: Path, end: signal.Signals) -> None:
