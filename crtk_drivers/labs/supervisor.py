@@ -166,14 +166,19 @@ class Supervisor:
             while any(child.process is not None for child in running):
                 for child in running:
                     self._see_end(child, time.monotonic() - began)
+                if self.observer is not None and self.observer.process is not None:
+                    self.observer.take_reports()  # else what is shown grows old
                 idle()
                 time.sleep(LOOK_PERIOD / 5.0)
         self._end_what_is_left(idle)
         return all(child.ended_well for child in self.children)
 
     def _groups(self) -> Iterator[list[Child]]:
-        """Yield programs and the observer, then devices: none before those that come after it."""
-        yield [child for child in self._all if not child.is_device]
+        """Yield programs, then devices, none before those that come after it, then the observer.
+
+        Hardware does not wait for the observer, which may hang.
+        """
+        yield list(self.programs.values())
         left = dict(self.devices)
         while left:
             needed = {other for child in left.values() for other in child.after}
@@ -181,6 +186,8 @@ class Supervisor:
             yield group
             for child in group:
                 del left[child.name]
+        if self.observer is not None:
+            yield [self.observer]
 
     def _keep_guard(self) -> None:
         """Have a guard while anything runs; start another one if somebody ended it."""

@@ -638,5 +638,18 @@ def test_an_observer_that_stands_still_says_nothing(watching, monkeypatch):
     until(running, lambda: running.observer.seen("camera"), "it is seen again")
 
 
+def test_devices_stop_before_an_observer_that_hangs(watching, monkeypatch, tmp_path):
+    running, tell = watching
+    arm = Child("arm", (*PYTHON, FOREVER), (), tmp_path / "logs" / "arm.log", True)
+    running.devices["arm"] = arm
+    tell(IDLE)
+    until(running, lambda: is_up(arm) and running.observer.seen("camera"), "both are up")
+    os.kill(running.observer.process.pid, signal.SIGSTOP)
+    monkeypatch.setattr(supervisor, "STOP_TIMEOUT", 1.0)
+    ended = []
+    running.stop(lambda: ended.append((arm.phase, running.observer.phase)))
+    assert (Phase.ENDED, Phase.STOPPING) in ended
+
+
 def test_a_lab_on_one_machine_has_no_observer(lab):
     assert lab(work=FOREVER).observer is None
