@@ -43,7 +43,12 @@ def doubts_between(lab: Lab, variables: Mapping[str, str]) -> Iterator[str]:
         return
     said = as_said(variables)
     if why := why_closed(said):
-        yield f"the machines of this lab cannot see each other: {why}. {REMEDY}"
+        remedy = REMEDY
+        if said.get(LOCALHOST_ONLY) == "1":  # it goes over the range
+            remedy = f"Write {LOCALHOST_ONLY} = 0 into `environment` of the lab file."
+        elif DOMAIN in lab.settings.environment:
+            remedy = f'Write {RANGE} = "SUBNET" into `environment` of the lab file.'
+        yield f"the machines of this lab cannot see each other: {why}. {remedy}"
     if DOMAIN not in lab.settings.environment:
         here = said.get(DOMAIN) or "0"
         yield (

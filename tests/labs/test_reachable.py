@@ -1,5 +1,7 @@
 """What is said of machines of a lab that cannot meet on ROS."""
 
+import re
+
 import pytest
 
 from crtk_drivers.labs import load_lab
@@ -49,7 +51,13 @@ def test_machines_that_cannot_meet_are_told(doubts, variables, why):
     for doubt in found:
         assert "cannot see each other" in doubt
         assert why in doubt
-        assert REMEDY in doubt
+
+
+@pytest.mark.parametrize("shell", [LOCAL, OFF | PEERS, {"ROS_LOCALHOST_ONLY": "1"}])
+def test_what_the_remedy_writes_helps(doubts, shell):
+    (doubt,) = doubts(DOMAIN + TWO, shell)
+    name, value = re.search(r"Write (\w+) = (\S+) into `environment`", doubt).groups()
+    assert doubts(DOMAIN + TWO, {**shell, name: value.strip('"')}) == []
 
 
 def test_a_domain_of_the_shell_alone_is_told(doubts):
