@@ -103,6 +103,19 @@ CLOCKS_AGREE: Final = 0.005
 
 
 @dataclass(frozen=True, slots=True)
+class ClockOffset:
+    """The clock of another machine minus ours, and by how much that can be wrong at most, both in s."""
+
+    value: float
+    uncertainty: float
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether the clocks surely differ by more than `CLOCKS_AGREE`."""
+        return abs(self.value) - self.uncertainty > CLOCKS_AGREE
+
+
+@dataclass(frozen=True, slots=True)
 class Stamp:
     """When something was acquired, on two clocks.
 

@@ -12,7 +12,7 @@ from crtk_drivers.client.other_domains import Announced
 from crtk_drivers.config.variables import DOMAIN
 from crtk_drivers.labs.lab_file import Lab
 from crtk_drivers.labs.machines import is_called
-from crtk_drivers.labs.seen import LARGEST_OFFSET
+from crtk_drivers.samples import CLOCKS_AGREE
 
 __all__ = ["Finding", "View", "clock_words", "findings"]
 
@@ -159,7 +159,7 @@ def _wrong_clocks(lab: Lab, view: View, machines: Mapping[str, str]) -> Iterator
         if looked.seen.has_other_time:
             yield Finding(
                 f"the clock of {host} is off by {clock_words(looked)}; stamps of two machines are not "
-                f"compared past {LARGEST_OFFSET * 1e3:g} ms",
+                f"compared past {CLOCKS_AGREE * 1e3:g} ms",
                 "Let chrony or PTP (ptp4l, phc2sys) set both clocks by one source, then start the drivers on "
                 f"{host} again.",
             )

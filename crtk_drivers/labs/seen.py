@@ -6,14 +6,11 @@ The process that watches them writes these lines, and whoever started it reads t
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from typing import Final
 
 from crtk_drivers.labs.reports import line_of, read_objects, shortened
+from crtk_drivers.samples import ClockOffset
 
-__all__ = ["LARGEST_OFFSET", "Seen", "read_seen"]
-
-LARGEST_OFFSET: Final = 0.005
-"""Seconds between the clocks of two machines that are no matter yet."""
+__all__ = ["Seen", "read_seen"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +49,10 @@ class Seen:
 
     @property
     def has_other_time(self) -> bool:
-        """Whether its clock is surely further from this one's than `LARGEST_OFFSET`."""
-        if self.offset is None:
-            return False
-        return abs(self.offset) - (self.uncertainty or 0.0) > LARGEST_OFFSET
+        """Whether its clock is surely further from this one's than `CLOCKS_AGREE`."""
+        return (
+            self.offset is not None and ClockOffset(self.offset, self.uncertainty or 0.0).is_apart
+        )
 
     @property
     def line(self) -> bytes:

@@ -5,7 +5,8 @@ import select
 
 import pytest
 
-from crtk_drivers.labs.seen import LARGEST_OFFSET, Seen, read_seen
+from crtk_drivers.labs.seen import Seen, read_seen
+from crtk_drivers.samples import CLOCKS_AGREE
 
 
 def test_what_is_seen_comes_over_a_pipe():
@@ -46,9 +47,9 @@ def test_a_line_of_any_letters_fits_and_is_read(letter):
     ("offset", "uncertainty", "other"),
     [
         (None, None, False),
-        (0.9 * LARGEST_OFFSET, 0.0, False),
-        (-2.0 * LARGEST_OFFSET, None, True),
-        (2.0 * LARGEST_OFFSET, 1.5 * LARGEST_OFFSET, False),
+        (0.9 * CLOCKS_AGREE, 0.0, False),
+        (-2.0 * CLOCKS_AGREE, None, True),
+        (2.0 * CLOCKS_AGREE, 1.5 * CLOCKS_AGREE, False),
     ],
 )
 def test_a_clock_is_judged_beyond_its_uncertainty(offset, uncertainty, other):
