@@ -147,6 +147,14 @@ class Command:
 FRAMES = ("local", "body", "spatial")
 """Sub-namespaces that say in which frame a Cartesian value is given, see `crtk_drivers.geometry.frames`."""
 
+
+def device_of(topic: str) -> str:
+    """Return the namespace of the device that a topic is of: ``/ur5`` for ``/ur5/local/measured_cp``."""
+    space = topic.rpartition("/")[0]
+    parent, _, name = space.rpartition("/")
+    return (parent if name in FRAMES else space) or "/"
+
+
 SUB_NAMESPACES = (*FRAMES, "jaw", "gripper", "actuators", "raw")
 """Where a device may offer the same names a second time, for example ``local/measured_cp``."""
 

@@ -16,9 +16,11 @@ from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.recording import Recorder, Split, Totals
 from crtk_drivers.recording.cdr_transforms import TOPICS
 from crtk_drivers.ros.names import checked_namespace
+from crtk_drivers.samples import ClockOffset
 from crtk_drivers.status.stop_request import stop_signals
 
 if TYPE_CHECKING:
+    from crtk_drivers.client.recorded_clocks import RecordedClocks
     from crtk_drivers.client.topic_recorder import TopicRecorder
 
 LOOK_PERIOD: Final = 0.2
@@ -124,6 +126,7 @@ def _recorded(
     duration: float,
     timeout: float,
 ) -> int:
+    from crtk_drivers.client.recorded_clocks import RecordedClocks
     from crtk_drivers.client.ros_link import Link
     from crtk_drivers.client.topic_recorder import TopicRecorder
 
@@ -135,12 +138,14 @@ def _recorded(
             recorder = Recorder(output, metadata=metadata, split=split, keep_free=keep_free)
             taker = TopicRecorder(link, recorder, namespaces, topics, beside)
             recorder.start()
+            clocks = RecordedClocks(link, recorder, taker)
             began = time.monotonic()
             try:
                 with ERR.status("looking ...") as shown:
                     before, since = 0, began
                     while not stop.is_set() and not 0.0 < duration <= time.monotonic() - began:
                         taker.look()
+                        _warn(clocks)
                         now = time.monotonic()
                         if not taker.has_devices and now - began > timeout:
                             break
@@ -151,6 +156,8 @@ def _recorded(
                         time.sleep(LOOK_PERIOD)
             finally:
                 taker.close()
+                clocks.close()
+                _warn(clocks)
                 totals = recorder.close()
         finally:
             link.close()
@@ -170,6 +177,20 @@ def _line(totals: Totals, rate: float, seconds: float, topics: int) -> str:
     return (
         f"{seconds:.0f} s  {topics} topics  {rate:.0f} messages/s  {megabytes:.1f} MB  "
         f"{totals.lost} dropped{f'  {totals.error}' if totals.error else ''}"
+    )
+
+
+def _warn(clocks: RecordedClocks) -> None:
+    for namespace, offset in clocks.newly_apart():
+        ERR.print(f"[yellow]clock:[/] {plain(_apart(namespace, offset))}", soft_wrap=True)
+
+
+def _apart(namespace: str, offset: ClockOffset) -> str:
+    side = "ahead of" if offset.value > 0.0 else "behind"
+    return (
+        f"that of {namespace} is {abs(offset.value):.3f} s {side} this computer's "
+        f"(±{1e3 * offset.uncertainty:.1f} ms); `plot` will draw this recording by arrival, not by stamps. "
+        "Synchronise the machines by chrony or PTP"
     )
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from crtk_drivers.errors import CrtkError
+from crtk_drivers.samples import ClockOffset
 
 if TYPE_CHECKING:
     from crtk_drivers.client.ros_link import Caller
@@ -58,15 +59,7 @@ class Exchange:
         return abs(self.twice_ahead - other.twice_ahead) <= self.round_trip + other.round_trip
 
 
-@dataclass(frozen=True, slots=True)
-class Offset:
-    """The other clock minus ours, and by how much that can be wrong at most, both in s."""
-
-    value: float
-    uncertainty: float
-
-
-def offset_of(exchanges: Sequence[Exchange], ours: Exchange) -> Offset | None:
+def offset_of(exchanges: Sequence[Exchange], ours: Exchange) -> ClockOffset | None:
     """Return the offset of another clock; None if its readings do not agree: it was set meanwhile.
 
     Args:
@@ -77,24 +70,29 @@ def offset_of(exchanges: Sequence[Exchange], ours: Exchange) -> Offset | None:
     if len(agreeing) < AGREEING:
         return None
     best = min(agreeing, key=lambda each: each.round_trip)
-    return Offset(
+    return ClockOffset(
         (best.twice_ahead - ours.twice_ahead) / 2e9, (best.round_trip + ours.round_trip) / 2e9
     )
 
 
-def measured_offset(caller: Caller) -> Offset | None:
+def measured_offset(
+    caller: Caller, is_over: Callable[[], bool] = lambda: False
+) -> ClockOffset | None:
     """Return the offset of the clock of the driver that answers; None if it does not, or was set meanwhile.
 
     Args:
         caller: of its service ``operating_state``.
+        is_over: asked between two exchanges; once it is true, nothing more is asked, and None is returned.
     """
 
     def ask() -> int:
         return caller.operating_state(ANSWERED_WITHIN).wall_ns
 
     try:
-        exchanges = [_exchange(ask) for _ in range(EXCHANGES)]
+        exchanges = [_exchange(ask) for _ in range(EXCHANGES) if not is_over()]
     except CrtkError:
+        return None
+    if is_over():
         return None
     return offset_of(exchanges, _exchange(time.time_ns))
 

@@ -14,19 +14,17 @@ import time
 from collections.abc import Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from crtk_drivers.client.clock_offset import ANSWERED_WITHIN, Offset, measured_offset
-from crtk_drivers.client.heard_devices import HeardDevice, heard_devices
+from crtk_drivers.client.clock_watch import ClockWatch
+from crtk_drivers.client.heard_devices import heard_devices
 from crtk_drivers.errors import CrtkError
 from crtk_drivers.labs.reports import STANDS_STILL, LinePipe, whoever_started
 from crtk_drivers.labs.seen import Seen
 from crtk_drivers.ros import environment
+from crtk_drivers.samples import ClockOffset
 from crtk_drivers.status.pulse import Pulse
 from crtk_drivers.status.stop_request import StopRequest, stop_signals
-
-if TYPE_CHECKING:
-    from crtk_drivers.client.ros_link import Link
 
 __all__ = ["watch"]
 
@@ -36,9 +34,6 @@ PERIOD: Final = 1.0
 LOOK_PERIOD: Final = 0.1
 """Seconds between two looks at what is due, and at whoever started this."""
 
-OFFSET_PERIOD: Final = 10.0
-"""Seconds between two measurements of a clock."""
-
 
 @dataclass
 class _Line:
@@ -46,42 +41,6 @@ class _Line:
 
     told: tuple[bool, str, bool] = (False, "", False)
     due: float = 0.0
-
-
-class _Clocks:
-    """The offsets of the machines of devices, measured again and again in a thread of its own."""
-
-    def __init__(self, link: Link, devices: Mapping[str, HeardDevice]) -> None:
-        self._link = link
-        self._devices = devices
-        self._offsets: dict[str, Offset | None] = {}
-        self._due = dict.fromkeys(devices, 0.0)
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="clocks", daemon=True)
-        self._thread.start()
-
-    def with_offset(self, seen: Seen) -> Seen:
-        """Return how a device is with the offset of its clock, if it is seen and that is known."""
-        offset = self._offsets.get(seen.name) if seen.seen else None
-        if offset is None:
-            return seen
-        return replace(seen, offset=offset.value, uncertainty=offset.uncertainty)
-
-    def close(self) -> None:
-        """Measure no more; what is asked now is waited for."""
-        self._over.set()
-        self._thread.join(2.0 * ANSWERED_WITHIN)
-
-    def _run(self) -> None:
-        while not self._over.wait(LOOK_PERIOD):
-            for name, device in self._devices.items():
-                if not device.seen().seen:
-                    self._offsets[name], self._due[name] = None, 0.0
-                elif time.monotonic() >= self._due[name]:
-                    caller = self._link.state_caller(f"{device.namespace}/operating_state")
-                    self._offsets[name] = measured_offset(caller)
-                    known = self._offsets[name] is not None
-                    self._due[name] = time.monotonic() + (OFFSET_PERIOD if known else PERIOD)
 
 
 def watch(
@@ -108,16 +67,28 @@ def watch(
     with closing(link):
         devices = heard_devices(link, namespaces, changed.set)
         link.start()
-        with closing(_Clocks(link, devices)) as clocks, suppress(BrokenPipeError):
+
+        def there() -> list[str]:
+            return [device.namespace for device in devices.values() if device.seen().seen]
+
+        with closing(ClockWatch(link, there)) as clocks, suppress(BrokenPipeError):
             while not (stop.is_set() or _is_gone(pulse)):
                 for name, device in devices.items():
-                    _write(pipe, lines[name], clocks.with_offset(device.seen()))
+                    offset = clocks.offset(device.namespace)
+                    _write(pipe, lines[name], _with_offset(device.seen(), offset))
                 changed.wait(LOOK_PERIOD)
                 changed.clear()
 
 
 def _is_gone(pulse: Pulse | None) -> bool:
     return pulse is not None and (pulse.silence() > STANDS_STILL or pulse.has_ended)
+
+
+def _with_offset(seen: Seen, offset: ClockOffset | None) -> Seen:
+    """Return how a device is with the offset of its clock, if it is seen and that is known."""
+    if offset is None or not seen.seen:
+        return seen
+    return replace(seen, offset=offset.value, uncertainty=offset.uncertainty)
 
 
 def _write(pipe: LinePipe, line: _Line, seen: Seen) -> None:

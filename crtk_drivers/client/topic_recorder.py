@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from crtk_drivers.client.ros_link import Link
+from crtk_drivers.commands import device_of
 from crtk_drivers.errors import ConfigError
 from crtk_drivers.recording import Raw, Recorder, cdr, cdr_transforms
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.definitions import definition_of
+from crtk_drivers.ros.names import AMONG_DRIVERS
 from crtk_drivers.ros.plain import message_class
 
 DEPTH: Final = 2000
 """Messages of a topic that may wait in DDS."""
+
+STATE_SERVICE: Final = "crtk_msgs/srv/TriggerOperatingState"
 
 
 class TopicRecorder:
@@ -32,6 +36,7 @@ class TopicRecorder:
 
     Attributes:
         topics: that are recorded, with their types.
+        drivers: recorded namespaces of drivers of ours that tell their state.
         unknown: topics whose type is not installed here, or is not one; they cannot be recorded.
         missed: messages that did not come, as far as DDS tells.
     """
@@ -45,6 +50,7 @@ class TopicRecorder:
         beside: Sequence[str] = (),
     ) -> None:
         self.topics: dict[str, str] = {}
+        self.drivers: frozenset[str] = frozenset()
         self.unknown: dict[str, str] = {}
         self.missed = 0
         self._link = link
@@ -56,12 +62,16 @@ class TopicRecorder:
 
     def look(self) -> None:
         """Subscribe to the topics that have appeared."""
-        for topic, types in self._link.topics().items():
+        there = self._link.topics()
+        for topic, types in there.items():
             if topic in self.topics or topic in self.unknown or not self._is_wanted(topic):
                 continue
             infos = self._link.node.get_publishers_info_by_topic(topic)
             if infos:
                 self._subscribe(topic, types, [info.qos_profile for info in infos])
+        services = self._link.services()
+        devices = {device_of(topic) for topic in self.topics}
+        self.drivers = frozenset(each for each in devices if _is_ours(each, there, services))
 
     def close(self) -> None:
         """Subscribe to nothing more; what has come is with the recorder."""
@@ -137,6 +147,16 @@ def _frames(data: bytes) -> frozenset[str]:
         return frozenset(each.child for each in cdr_transforms.decode_transforms(data))
     except cdr.Malformed:
         return frozenset()
+
+
+def _is_ours(namespace: str, topics: Container[str], services: Mapping[str, Sequence[str]]) -> bool:
+    """Whether a driver of ours tells its state there.
+
+    Of others it is not known by which clock, and of when, they stamp what they answer.
+    """
+    prefix = namespace.rstrip("/")
+    types = services.get(f"{prefix}/operating_state", ())
+    return f"{prefix}/{AMONG_DRIVERS}" in topics and STATE_SERVICE in types
 
 
 def _full(topics: Sequence[str], prefixes: Sequence[str]) -> Iterable[str]:

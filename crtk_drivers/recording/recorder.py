@@ -118,6 +118,7 @@ class Recorder:
         self._before_write = before_write
         self._queue: deque[tuple[int, int, Entry]] = deque()
         self._held = 0
+        self._to_hold: deque[tuple[str, str, Mapping[str, str], bool]] = deque()
         self._counting = threading.Lock()
         self._dropped = 0
         self._drained = 0
@@ -160,6 +161,10 @@ class Recorder:
             return
         with self._counting:
             self._dropped += messages
+
+    def hold(self, key: str, name: str, texts: Mapping[str, str], at_once: bool = False) -> None:
+        """Write metadata, see `Series.hold`. Never waits, never raises; from any thread."""
+        self._to_hold.append((key, name, texts, at_once))
 
     @property
     def totals(self) -> Totals:
@@ -244,6 +249,11 @@ class Recorder:
                     self._held -= size
             for raw in self._made(messages, entry):
                 failure = self._add(raw) or failure
+        while self._to_hold:
+            try:
+                self.series.hold(*self._to_hold.popleft())
+            except RecordingError as error:  # the messages are written all the same
+                failure = error
         self.series.flush()
         if failure is not None:
             raise failure
@@ -293,9 +303,5 @@ class Recorder:
         return (Raw(topic, type_name, data, log_time, stamp_ns or log_time),)
 
     def _finish(self) -> None:
-        totals = self.totals
-        try:
-            texts = {key: str(value) for key, value in asdict(totals).items() if value != ""}
-            self.series.metadata(TOTALS, texts)
-        finally:
-            self.series.finish()
+        texts = {key: str(value) for key, value in asdict(self.totals).items() if value != ""}
+        self.series.finish({TOTALS: texts})

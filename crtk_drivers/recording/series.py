@@ -1,7 +1,7 @@
 """The files of one recording: one, or a next one whenever the last is large or old enough.
 
 Each can be read without the others: it begins with the metadata, the attachments, and what holds of each
-latched topic.
+latched topic and of what was measured meanwhile.
 """
 
 from __future__ import annotations
@@ -102,6 +102,8 @@ class Series:
         self._split = split
         self._keep_free = keep_free
         self._latched: dict[str, tuple[Raw, ...]] = {}
+        self._held: dict[str, tuple[str, Mapping[str, str]]] = {}
+        self._unwritten: set[str] = set()
         self._lost_before = self._size_before = 0
         self._numbers = itertools.count(1)
         self._writer = self._begun(self._first)
@@ -148,21 +150,38 @@ class Series:
         if is_large or is_old:
             self._begin_next()
 
-    def metadata(self, name: str, texts: Mapping[str, str]) -> None:
-        """Write texts by name into the present file.
+    def hold(self, key: str, name: str, texts: Mapping[str, str], at_once: bool = False) -> None:
+        """Keep metadata that holds until it is told anew.
+
+        The first of a key is written now, what holds at the beginning of each next file, and the newest at
+        the end of each file.
+
+        Args:
+            key: of what it tells.
+            name: of the metadata.
+            texts: by name.
+            at_once: write it now: what is in the file does not hold any more.
 
         Raises:
-            RecordingError: that was not possible.
+            RecordingError: it could not be written now; it is tried again at the end of the file.
         """
-        self._writer.metadata(name, texts)
+        is_first = key not in self._held
+        self._held[key] = name, texts
+        self._unwritten.add(key)
+        if is_first or at_once:
+            self._writer.metadata(name, texts)
+            self._unwritten.discard(key)
 
-    def finish(self) -> None:
+    def finish(self, last: Mapping[str, Mapping[str, str]] = MappingProxyType({})) -> None:
         """Write the rest and the end, and close the file. A second time does nothing.
+
+        Args:
+            last: metadata that the recording ends with: texts by name, by name.
 
         Raises:
             RecordingError: that was not possible; what was written before can be read, and mended.
         """
-        self._writer.finish()
+        self._end(self._writer, last)
 
     def _begin_next(self) -> None:
         """Finish the present file once the next one stands; else go on in it."""
@@ -173,7 +192,19 @@ class Series:
         self._lost_before += before.lost
         self._size_before += before.size
         self.paths.append(path)
-        before.finish()
+        self._end(before)
+
+    def _end(
+        self, writer: McapWriter, last: Mapping[str, Mapping[str, str]] = MappingProxyType({})
+    ) -> None:
+        try:
+            for key in sorted(self._unwritten):
+                writer.metadata(*self._held[key])
+            for name, texts in last.items():
+                writer.metadata(name, texts)
+        finally:
+            self._unwritten.clear()
+            writer.finish()
 
     def _free_path(self) -> Path:
         for number in itertools.islice(self._numbers, MOST_FILES):
@@ -185,7 +216,7 @@ class Series:
     def _begun(self, path: Path) -> McapWriter:
         writer = McapWriter(path, self._keep_free)
         try:
-            for name, texts in self._metadata.items():
+            for name, texts in (*self._metadata.items(), *self._held.values()):
                 writer.metadata(name, texts)
             for name, data in self._attachments.items():
                 writer.attachment(name, data)

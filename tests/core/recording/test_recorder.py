@@ -57,6 +57,18 @@ def test_what_waits_is_in_the_file_while_it_is_open(path):
         assert not Recording(path).is_complete
 
 
+def test_what_is_measured_meanwhile_takes_no_room_of_messages(path):
+    recorder = Recorder(path, capacity=1)
+    recorder.take("/a", Text("one"), Stamp(1, 1.0))
+    recorder.hold("a", "clock", {"at": "0"})
+    recorder.hold("a", "clock", {"at": "1"})
+    totals = recorder.close()
+    assert (totals.written, totals.lost) == (1, 0)
+    clocks, newest, (last, _) = Recording(path).metadata
+    assert (clocks, newest) == (("clock", {"at": "0"}), ("clock", {"at": "1"}))
+    assert last == TOTALS
+
+
 def test_what_finds_the_queue_full_is_dropped_and_counted(path):
     recorder = Recorder(path, capacity=10)
     for number in range(25):

@@ -70,6 +70,26 @@ def test_a_latched_topic_says_so_to_players(tmp_path):
     assert told["/a"] == {}
 
 
+def told(path):
+    return [texts["at"] for name, texts in Recording(path).metadata if name == "clock"]
+
+
+def test_each_file_has_what_was_measured_first_and_last(tmp_path):
+    series = Series(tmp_path / "run.mcap", split=Split(size=3000))
+    for number in range(20):
+        series.hold("a", "clock", {"at": f"{number}"}, at_once=number == 1)
+        series.message(raw("x" * 400))
+        series.flush()
+    assert told(series.paths[-1]), "also while it is written, as of one that is killed"
+    series.finish()
+    first, second, *_ = map(told, series.paths)
+    assert first[:2] == ["0", "1"], "at once, where what is there does not hold any more"
+    assert len(first) == 3, "the newest at its end"
+    assert second[0] == first[-1]
+    assert second[1] == str(int(second[0]) + len(words(series.paths[1])))
+    assert told(series.paths[-1])[-1] == "19"
+
+
 def test_no_file_that_is_there_is_written_over(tmp_path):
     (tmp_path / "run_1.mcap").write_text("mine")
     series = Series(tmp_path / "run.mcap", split=Split(size=10))

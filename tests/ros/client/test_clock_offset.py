@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -15,11 +17,11 @@ from hypothesis import strategies as st
 from crtk_drivers.client.clock_offset import (
     EXCHANGES,
     Exchange,
-    Offset,
     measured_offset,
     offset_of,
 )
 from crtk_drivers.client.ros_link import Link
+from crtk_drivers.samples import ClockOffset
 from rigs.shifted_clock import shifted
 from rigs.waiting import LONG, eventually
 
@@ -63,7 +65,7 @@ def ask(clocks: Clocks, trips: list[tuple[int, int, int]]) -> Iterator[Exchange]
         clocks.now += pause
 
 
-def is_right(found: Offset | None, truth: float) -> bool:
+def is_right(found: ClockOffset | None, truth: float) -> bool:
     return found is not None and abs(found.value - truth) <= found.uncertainty + 1e-9
 
 
@@ -110,6 +112,25 @@ def test_stamps_that_stand_still_give_no_offset(trip, theirs):
 
 def test_no_answer_gives_no_offset():
     assert offset_of([], Exchange(0, 0, NOW)) is None
+
+
+class Driver:
+    """One that answers, and counts how often."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def operating_state(self, timeout):
+        self.asked += 1
+        return SimpleNamespace(wall_ns=time.time_ns())
+
+
+def test_who_ends_waits_for_one_answer_only():
+    driver = Driver()
+    assert measured_offset(driver) is not None
+    assert driver.asked == EXCHANGES
+    assert measured_offset(driver, lambda: driver.asked > EXCHANGES) is None
+    assert driver.asked == EXCHANGES + 1
 
 
 @contextmanager
