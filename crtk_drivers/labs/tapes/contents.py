@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from crtk_drivers.commands import Direction, Level, find
-from crtk_drivers.labs.tapes.clocks import FAR, clocks_of, recorded_by_its_driver
+from crtk_drivers.labs.tapes.clocks import clocks_of
 from crtk_drivers.labs.tapes.rows import row_of
 from crtk_drivers.recording import Message, Recording
 from crtk_drivers.recording.foreign import Foreign
@@ -77,7 +77,7 @@ class Contents:
         devices: by namespace.
         others: type and number of messages of topics that are not drawn.
         left_out: of topics that are too long, one in how many was read.
-        note: why all is placed by its arrival; empty if stamps are used.
+        note: what is to be known of the clocks, see `Clocks`.
     """
 
     began: int
@@ -115,10 +115,10 @@ class _Gathered:
         late: Vector = np.array(self._late)
         return late[np.isfinite(late)]
 
-    def track(self, by_arrival: bool) -> Track:
+    def track(self, farthest: float) -> Track:
+        """Return the rows in order; those that arrived at most `farthest` s off their stamp by that."""
         times, late = np.array(self._arrived), np.array(self._late)
-        if not by_arrival:
-            times = np.where(np.abs(late) <= FAR, times - late, times)
+        times = np.where(np.abs(late) <= farthest, times - late, times)
         order = np.argsort(times, kind="stable")
         columns = {}
         for name, (places, values) in self._at.items():
@@ -160,11 +160,11 @@ def contents_of(
         else:
             _take_event(device, name, at, message)
     late_by = {topic: rows.late for topic, rows in gathered.items()}
-    clocks = clocks_of(late_by, recorded_by_its_driver(recording))
+    clocks = clocks_of(late_by, recording)
     for topic, rows in gathered.items():
         place = places[topic]
         assert place is not None
-        devices[place[0]].tracks[place[1]] = rows.track(topic in clocks.apart)
+        devices[place[0]].tracks[place[1]] = rows.track(clocks.farthest(topic))
     left_out = {topic: number for topic, number in every.items() if number > 1}
     whole = (last - began) * SECOND
     seconds = min(whole, end) if end < np.inf else whole

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from crtk_drivers.errors import MissingExtra, RecordingError
-from crtk_drivers.labs.tapes.clocks import clocks_of, recorded_by_its_driver
+from crtk_drivers.labs.tapes.clocks import clocks_of
 from crtk_drivers.labs.tapes.rows import TIMES, Cell, rows_of
 from crtk_drivers.recording import Message, Recording
 from crtk_drivers.recording.foreign import Foreign
@@ -68,7 +68,7 @@ def convert(
         for topic, seconds in late.items()
         if topic.rpartition("/")[2].startswith("measured_")
     }
-    return written, clocks_of(measured, recorded_by_its_driver(recording)).note
+    return written, clocks_of(measured, recording).note
 
 
 def _columns(messages: Iterator[Message]) -> dict[str, type]:
