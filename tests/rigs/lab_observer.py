@@ -14,7 +14,7 @@ from typing import Final
 from crtk_drivers.labs.reports import PULSE_FD, REPORT_FD
 from crtk_drivers.labs.seen import Seen, read_seen
 from crtk_drivers.status.pulse import Pulse, pulse_ends
-from rigs.shifted_clock import shifted
+from rigs.system_clock import shifted
 from rigs.waiting import LONG, eventually
 
 MODULE: Final = "crtk_drivers.client.lab_watch"

@@ -12,7 +12,10 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from rigs.waiting import LONG
@@ -102,31 +105,37 @@ OFFSETS = (0.006, -0.006, 2.0, -2.0, YEAR, -YEAR)
 """Seconds by which the clock of the other machine is ahead."""
 
 
-def library_in(folder: Path) -> Path:
-    """Compile what shifts the clock, and return where it is."""
-    path = folder / "shifted_clock.so"
+@cache
+def _library() -> tuple[Path, TemporaryDirectory[str]]:
+    """Compile what shifts the clock; return where it is, and its folder, which ends with this process."""
+    folder = TemporaryDirectory(prefix="shifted_clock")
+    path = Path(folder.name) / "shifted_clock.so"
     compiler = shutil.which("cc")
     assert compiler, "a C compiler is needed, as for building crtk_msgs"
     command = [compiler, "-shared", "-fPIC", "-x", "c", "-o", str(path), "-", "-ldl"]
     subprocess.run(command, input=LIBRARY, text=True, check=True)
-    return path
+    return path, folder
 
 
-def shifted(library: Path, seconds: float) -> dict[str, str]:
-    """Return the environment of a program whose clock is ahead by so much."""
-    return {
-        **os.environ,
-        "LD_PRELOAD": str(library),
-        "CLOCK_SHIFT_NS": str(round(1e9 * seconds)),
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-    }
+def shifted(seconds: float, environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """Return the environment of programs whose clock is ahead by so much, and of all that they start."""
+    path = os.pathsep.join(filter(None, sys.path))
+    shift = (
+        {}
+        if not seconds
+        else {
+            "LD_PRELOAD": str(_library()[0]),
+            "CLOCK_SHIFT_NS": str(round(1e9 * seconds)),
+        }
+    )
+    return {**environment, "PYTHONPATH": path, **shift}
 
 
-def told_by(library: Path, seconds: float, program: str, *arguments: str) -> Any:
+def told_by(seconds: float, program: str, *arguments: str) -> Any:
     """Run a program whose clock is off, and return what it prints last, which is JSON."""
     ended = subprocess.run(
         [sys.executable, "-c", program, *arguments],
-        env=shifted(library, seconds),
+        env=shifted(seconds),
         capture_output=True,
         text=True,
         timeout=3.0 * LONG,

@@ -20,7 +20,7 @@ from crtk_drivers.config.variables import RANGE, merged
 from crtk_drivers.labs.reports import PULSE_FD, REPORT_FD
 from rigs.lab_up import Up
 from rigs.programs import COMMAND
-from rigs.shifted_clock import shifted
+from rigs.system_clock import shifted
 from rigs.waiting import LONG
 
 CABLE: Final = "cable0"

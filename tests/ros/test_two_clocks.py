@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -33,7 +32,7 @@ from crtk_drivers.status.board import Observer
 from rigs.action_client import CANCELED, SUCCEEDED, as_moveit, set_duration
 from rigs.loopback_client import Far, Node, far_device
 from rigs.moveit_node import MoveItRig, moveit_rig
-from rigs.system_clock import OFFSETS, YEAR, library_in, shifted, told_by
+from rigs.system_clock import OFFSETS, YEAR, shifted, told_by
 from rigs.waiting import LONG, eventually
 
 COMMANDS = """
@@ -140,11 +139,6 @@ with Node("canceller") as node:
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return library_in(tmp_path_factory.mktemp("clock"))
-
-
-@pytest.fixture(scope="module")
 def moveit() -> Iterator[MoveItRig]:
     plugin = plugins.device("virtual")
     values = {**plugin.typical, "rate": 200.0, "sample_timeout": 3.0}
@@ -160,10 +154,10 @@ def far() -> Iterator[Far]:
 
 
 @pytest.mark.parametrize("seconds", OFFSETS)
-def test_a_client_with_another_clock_commands(far: Far, library: Path, seconds: float) -> None:
+def test_a_client_with_another_clock_commands(far: Far, seconds: float) -> None:
     far.reset()
     begun = far.engine.health()
-    found = told_by(library, seconds, COMMANDS, far.namespace)
+    found = told_by(seconds, COMMANDS, far.namespace)
     assert found["clock"] - time.time() == pytest.approx(seconds, abs=60.0), "the rig shifts"
     assert (found["enabled"], found["disabled"]) == ("ENABLED", "DISABLED")
     assert found["moved"] is True
@@ -176,9 +170,9 @@ def test_a_client_with_another_clock_commands(far: Far, library: Path, seconds: 
 
 
 @pytest.mark.parametrize("seconds", OFFSETS)
-def test_busy_since_a_time_needs_no_common_clock(far: Far, library: Path, seconds: float) -> None:
+def test_busy_since_a_time_needs_no_common_clock(far: Far, seconds: float) -> None:
     far.reset()
-    assert told_by(library, seconds, IN_THE_OLD_STYLE, far.namespace) == {
+    assert told_by(seconds, IN_THE_OLD_STYLE, far.namespace) == {
         "enabled": True,
         "before anything is heard": True,
         "begins": True,
@@ -201,18 +195,18 @@ def test_busy_since_a_time_needs_no_common_clock(far: Far, library: Path, second
     ],
 )
 def test_an_age_that_is_judged_is_told_by_its_clocks(
-    library: Path, seconds: float, reason: str, told: str
+    seconds: float, reason: str, told: str
 ) -> None:
     with far_device("/two_clocks_aged", limits={"max_command_age": 0.2}) as far:
-        why, detail, remedy = told_by(library, seconds, AGED, far.namespace)
+        why, detail, remedy = told_by(seconds, AGED, far.namespace)
     assert why == reason
     assert re.search(told, detail)
     assert "chrony or PTP" in remedy
 
 
-def followed(rig: MoveItRig, library: Path, seconds: float, delay: str) -> object:
+def followed(rig: MoveItRig, seconds: float, delay: str) -> object:
     joints = [f"{n}={q:.9f}" for n, q in zip(rig.names, rig.joints(), strict=True)]
-    return told_by(library, seconds, TRAJECTORIES, rig.space, delay, *joints)
+    return told_by(seconds, TRAJECTORIES, rig.space, delay, *joints)
 
 
 class Told(Observer):
@@ -231,10 +225,8 @@ class Told(Observer):
 
 
 @pytest.mark.parametrize("seconds", OFFSETS)
-def test_a_trajectory_for_now_needs_no_common_clock(
-    moveit: MoveItRig, library: Path, seconds: float
-) -> None:
-    assert followed(moveit, library, seconds, "now") == SUCCEEDED
+def test_a_trajectory_for_now_needs_no_common_clock(moveit: MoveItRig, seconds: float) -> None:
+    assert followed(moveit, seconds, "now") == SUCCEEDED
 
 
 @pytest.mark.parametrize(
@@ -249,19 +241,19 @@ def test_a_trajectory_for_now_needs_no_common_clock(
     ],
 )
 def test_a_beginning_by_another_clock_is_refused(
-    moveit: MoveItRig, library: Path, seconds: float, told: str
+    moveit: MoveItRig, seconds: float, told: str
 ) -> None:
     heard, here = Told(moveit.engine), moveit.joints()
-    assert followed(moveit, library, seconds, "0.3") is None
+    assert followed(moveit, seconds, "0.3") is None
     (refusal,) = heard.refusals
     assert re.search(told, refusal.detail)
     assert "chrony or PTP" in refusal.remedy
     assert np.allclose(moveit.joints(), here, atol=1e-3)
 
 
-def test_a_beginning_by_a_clock_slightly_off_is_noted(moveit: MoveItRig, library: Path) -> None:
+def test_a_beginning_by_a_clock_slightly_off_is_noted(moveit: MoveItRig) -> None:
     heard = Told(moveit.engine)
-    assert followed(moveit, library, -0.02, "0.3") == SUCCEEDED
+    assert followed(moveit, -0.02, "0.3") == SUCCEEDED
     assert any(
         re.search(r"it came 0\.\d\d\d s after it was sent, .* by chrony or PTP", each)
         for each in heard.warnings
@@ -269,12 +261,10 @@ def test_a_beginning_by_a_clock_slightly_off_is_noted(moveit: MoveItRig, library
 
 
 @pytest.mark.parametrize("seconds", [-YEAR, 2.0])
-def test_cancelling_by_a_time_stops_by_any_clock(
-    moveit: MoveItRig, library: Path, seconds: float
-) -> None:
+def test_cancelling_by_a_time_stops_by_any_clock(moveit: MoveItRig, seconds: float) -> None:
     here = moveit.joints()
     asked = moveit.asker.ask(as_moveit(moveit.names, [(0.0, here), (LONG, here + 0.2)]))
-    assert told_by(library, seconds, CANCEL_WHAT_CAME_BEFORE_NOW, moveit.space) == 1
+    assert told_by(seconds, CANCEL_WHAT_CAME_BEFORE_NOW, moveit.space) == 1
     assert asked.wait(LONG)[0] == CANCELED
 
 
@@ -290,7 +280,7 @@ class FollowingSim:
 
 
 @pytest.mark.parametrize("seconds", [2.0, -2.0, YEAR, -YEAR])
-def test_a_simulator_follows_an_arm_by_its_own_clock(library: Path, seconds: float) -> None:
+def test_a_simulator_follows_an_arm_by_its_own_clock(seconds: float) -> None:
     sim: Any = FollowingSim()
     plugin: Any = SimpleNamespace(
         name="tracker", sim_load=None, sim_put=sim.put, markers=lambda config: {"marker": "M"}
@@ -299,7 +289,7 @@ def test_a_simulator_follows_an_arm_by_its_own_clock(library: Path, seconds: flo
     entry = CarriedEntry(stands=PoseConfig(), markers={"marker": MarkerEntry(on=space)})
     driver = subprocess.Popen(
         [sys.executable, "-m", "rigs.serve_loopback", space],
-        env=shifted(library, seconds),
+        env=shifted(seconds),
         stdout=subprocess.DEVNULL,
     )
     try:

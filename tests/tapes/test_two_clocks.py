@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +28,7 @@ from crtk_drivers.recording import Raw, Recorder, Recording, Series, cdr, opened
 from crtk_drivers.recording.clock_records import CLOCK, clock_texts, offsets_in
 from crtk_drivers.recording.foreign import Foreign
 from crtk_drivers.samples import CLOCKS_AGREE, ClockOffset, JointState, Vector, vector
-from rigs.system_clock import YEAR, library_in, shifted
+from rigs.system_clock import YEAR, shifted
 from rigs.waiting import LONG, eventually
 
 SECOND = 1_000_000_000
@@ -145,20 +144,17 @@ def test_the_commands_tell_of_two_clocks(
 
 
 @contextmanager
-def driver(
-    namespace: str, *words: str, ahead: Path | None = None
-) -> Iterator[subprocess.Popen[bytes]]:
+def driver(namespace: str, *words: str, ahead: float = 0.0) -> Iterator[subprocess.Popen[bytes]]:
     """Run a driver in a process of its own.
 
     Args:
         namespace: of it.
         words: of `rigs.serve_loopback`.
-        ahead: folder for what makes its clock 2 s ahead; None: it is ours.
+        ahead: seconds that its clock is ahead.
     """
-    environment = with_path(os.environ) if ahead is None else shifted(library_in(ahead), 2.0)
     process = subprocess.Popen(
         [sys.executable, "-m", "rigs.serve_loopback", namespace, *words],
-        env=environment,
+        env=shifted(ahead),
         stdout=subprocess.PIPE,
     )
     try:
@@ -169,16 +165,11 @@ def driver(
         process.communicate(timeout=LONG)
 
 
-def with_path(environment: Mapping[str, str]) -> dict[str, str]:
-    return {**environment, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-
-
 @pytest.fixture(scope="module")
-def drivers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def drivers() -> Iterator[None]:
     """One whose clock is 2 s ahead, one whose samples are 20 ms old, and one of which neither is so."""
-    folder = tmp_path_factory.mktemp("clock")
     with (
-        driver("/ahead", ahead=folder),
+        driver("/ahead", ahead=2.0),
         driver("/old", "--old", "0.02"),
         driver("/here"),
     ):
@@ -188,9 +179,7 @@ def drivers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def recorded(path: Path, *namespaces: str, end: signal.Signals = signal.SIGINT) -> str:
     """Record until each device has said something and its clock is known; return what was told."""
     command = [sys.executable, "-m", "crtk_drivers.cli", "record", *namespaces, "-o", str(path)]
-    recorder = subprocess.Popen(
-        command, env=with_path(os.environ), stderr=subprocess.PIPE, text=True
-    )
+    recorder = subprocess.Popen(command, env=shifted(0.0), stderr=subprocess.PIPE, text=True)
 
     def has_all() -> bool:
         try:

@@ -22,7 +22,7 @@ from crtk_drivers.client.clock_offset import (
 )
 from crtk_drivers.client.ros_link import Link
 from crtk_drivers.samples import ClockOffset
-from rigs.shifted_clock import shifted
+from rigs.system_clock import shifted
 from rigs.waiting import LONG, eventually
 
 pytestmark = pytest.mark.ros
