@@ -6,7 +6,6 @@ Both machines are this one. The second one's processes have another clock.
 from __future__ import annotations
 
 import io
-import os
 import re
 import subprocess
 import sys
@@ -24,6 +23,9 @@ from crtk_drivers.client import connect
 from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.supervisor import LOOK_PERIOD, Supervisor
 from crtk_drivers.ros import environment
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from rigs.system_clock import shifted
 
 LAB: Final = """
 name = "room"
@@ -45,7 +47,6 @@ command = ["sleep", "1000"]
 OFFSET: Final = 0.012
 """Seconds that the clock of the second machine is ahead."""
 
-SHIFTED: Final = Path(__file__).parents[1] / "tests" / "rigs" / "shifted"
 WIDTH: Final = 120
 PATIENCE: Final = 60.0
 
@@ -94,10 +95,9 @@ def main() -> None:
         path = Path(folder, "lab.toml")
         path.write_text(LAB)
         words = ("up", str(path), "--sim", "--machine", "tracking", "--logs", f"{folder}/tracking")
-        shifted = {"PYTHONPATH": str(SHIFTED), "CRTK_TESTS_SHIFT": str(OFFSET)}
         with subprocess.Popen(
             [sys.executable, "-m", "crtk_drivers.cli", *words],
-            env={**os.environ, **shifted},
+            env=shifted(OFFSET),
             stderr=subprocess.DEVNULL,
         ) as other:
             control = load_lab(path, sim=True, machine="control")
