@@ -11,16 +11,8 @@ from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.child import Phase
 from crtk_drivers.labs.seen import Seen
 from crtk_drivers.labs.supervisor import Supervisor
+from rigs.lab_files import PAIR
 
-TWO = """
-name = "pair"
-machine = "control"
-[devices.arm]
-plugin = "loopback"
-[devices.camera]
-plugin = "of-tracking"
-machine = "tracking"
-"""
 IDLE = Seen("camera", True, "DISABLED", measures=True, offset=0.001, uncertainty=0.0003)
 AHEAD = Seen("camera", True, "ENABLED", measures=True, offset=0.0124, uncertainty=0.0003)
 
@@ -29,7 +21,7 @@ AHEAD = Seen("camera", True, "ENABLED", measures=True, offset=0.0124, uncertaint
 def lab(tmp_path):
     """Of the machine control: its supervisor, and what sets how the device elsewhere is seen."""
     path = tmp_path / "lab.toml"
-    path.write_text(TWO)
+    path.write_text(PAIR)
     supervisor = Supervisor(load_lab(path, machine="control"), tmp_path / "logs")
     observer = SimpleNamespace(seen=lambda name: None, why="ended by SIGKILL", phase=Phase.RUNNING)
     supervisor.observer = observer

@@ -7,18 +7,9 @@ from crtk_drivers.errors import ConfigError
 from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.lab_outline import load_outline
 from crtk_drivers.labs.machines import is_called
+from rigs.lab_files import PAIR
 
-TWO = """
-name = "pair"
-machine = "control"
-
-[devices.arm]
-plugin = "loopback"
-
-[devices.camera]
-plugin = "a-plugin-of-that-machine"
-machine = "tracking"
-
+TWO = f"""{PAIR}
 [programs.teleop]
 command = ["true"]
 
@@ -75,7 +66,7 @@ def test_a_short_name_of_two_machines_is_refused(written, monkeypatch):
 
 
 def test_all_machines_are_typed_in_any_case(written):
-    lab = load_lab(written(TWO.replace("a-plugin-of-that-machine", "loopback")), machine="ALL")
+    lab = load_lab(written(TWO.replace("of-tracking", "loopback")), machine="ALL")
     assert tuple(lab.devices) == ("arm", "camera")
 
 
@@ -86,7 +77,7 @@ machine = "control"
 after = ["camera"]
 
 [devices.camera]
-plugin = "a-plugin-of-that-machine"
+plugin = "of-tracking"
 machine = "tracking"
 after = ["arm"]
 """
@@ -100,9 +91,9 @@ def test_machines_that_wait_for_each_other_are_refused(written):
 
 
 def test_the_whole_lab_needs_every_plugin(written):
-    with pytest.raises(ConfigError, match="a-plugin-of-that-machine"):
+    with pytest.raises(ConfigError, match="of-tracking"):
         load_lab(written(TWO))
-    assert not load_lab(written(TWO.replace("a-plugin-of-that-machine", "ndi")), sim=True).elsewhere
+    assert not load_lab(written(TWO.replace("of-tracking", "ndi")), sim=True).elsewhere
 
 
 @pytest.mark.parametrize(
@@ -113,8 +104,8 @@ def test_the_whole_lab_needs_every_plugin(written):
         ('"tracking"', '"-tracking"', "is no host name"),
         ('"tracking"', '"All"', "is no machine"),
         (
-            'plugin = "a-plugin',
-            'namespace = "/arm"\nplugin = "a-plugin',
+            'plugin = "of-tracking',
+            'namespace = "/arm"\nplugin = "of-tracking',
             "have one namespace: /arm",
         ),
     ],
@@ -126,7 +117,7 @@ def test_what_cannot_be_is_refused(written, old, new, why):
 
 @pytest.mark.parametrize(
     ("machine", "why"),
-    [("laptop", "no machine 'laptop'.*control, tracking"), ("tracking", "a-plugin-of")],
+    [("laptop", "no machine 'laptop'.*control, tracking"), ("tracking", "of-tracking")],
 )
 def test_a_machine_that_was_typed(written, machine, why):
     with pytest.raises(ConfigError, match=why):
@@ -193,7 +184,7 @@ def test_clients_need_no_drivers(written):
 
 
 def test_a_client_is_not_given_two_devices_of_one_name(written):
-    both = TWO.replace('plugin = "a-', 'namespace = "/arm"\nplugin = "a-')
+    both = TWO.replace('plugin = "of-', 'namespace = "/arm"\nplugin = "of-')
     with pytest.raises(ConfigError, match="have one namespace: /arm"):
         load_outline(written(both)).namespaces()
 

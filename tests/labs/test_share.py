@@ -5,18 +5,9 @@ import pytest
 from crtk_drivers.cli import main, up_command
 from crtk_drivers.labs.bench.results import read_run
 from crtk_drivers.labs.supervisor import Supervisor
+from rigs.lab_files import PAIR
 
-TWO = """
-name = "pair"
-machine = "control"
-
-[devices.arm]
-plugin = "loopback"
-
-[devices.camera]
-plugin = "of-tracking"
-machine = "tracking"
-
+TWO = f"""{PAIR}
 [programs.teleop]
 command = ["true"]
 after = ["arm", "camera"]

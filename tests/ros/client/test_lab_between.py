@@ -14,22 +14,14 @@ from crtk_drivers.client.lab_look import _looked as looked_at
 from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.seen import Seen
 from crtk_drivers.ros.presence import read_word
+from rigs.lab_files import PAIR
 
 pytestmark = pytest.mark.ros
-
-LAB = """
-machine = "control"
-[devices.arm]
-plugin = "loopback"
-[devices.camera]
-plugin = "loopback"
-machine = "tracking"
-"""
 
 
 def test_brackets_of_others_are_printed_as_they_are(tmp_path, monkeypatch, capsys):
     path = tmp_path / "lab.toml"
-    path.write_text(LAB)
+    path.write_text(PAIR)
     said = {"id": "a", "driver": "[/x]", "host": "[/red]", "pid": 1, "started": 1}
     word = read_word(json.dumps({**said, "established": True, "there": True}))
     seen = Seen("camera", True, "ENABLED", host="[/red]", offset=1.0, uncertainty=0.001)

@@ -10,16 +10,11 @@ from crtk_drivers.client.other_domains import Announced
 from crtk_drivers.labs import load_lab
 from crtk_drivers.labs.seen import Seen
 from crtk_drivers.ros.presence import Word
+from rigs.lab_files import PAIR
 
 pytestmark = pytest.mark.ros
 
-LAB = """
-machine = "control"
-[devices.arm]
-plugin = "loopback"
-[devices.camera]
-plugin = "loopback"
-machine = "tracking"
+LAB = f"""{PAIR}
 [devices.hand]
 plugin = "loopback"
 machine = "tracking"
