@@ -8,12 +8,23 @@ last stop, and refused. When they came is reckoned here.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Final, NamedTuple
+
+from crtk_drivers.samples import CLOCKS_AGREE
 
 LONGEST_NS: Final = 10_000_000_000
 """Nanoseconds that a request waits at most: one that is later still comes from a clock that was set."""
 
+MAY_WAIT_NS: Final = 500_000_000
+"""Nanoseconds that even the request which waited least may have waited here, of a clock that agrees."""
+
+ON_ITS_WAY_NS: Final = 50_000_000
+"""Nanoseconds that a request takes at most to come, if nothing holds it up."""
+
 MOST_SENDERS: Final = 64
+
+_AGREES_NS: Final = round(CLOCKS_AGREE * 1e9)
 
 
 class Arrival(NamedTuple):
@@ -35,19 +46,26 @@ def of_message(received_ns: int, sent_ns: int) -> Arrival:
     return Arrival(received_ns, sent_ns - received_ns if known else 0)
 
 
+@dataclass(slots=True)
+class _Sender:
+    """What is known of a client: the least by which its requests were late, and when the first was taken."""
+
+    least: int
+    first: int
+
+
 class Requests:
     """The arrivals of requests of one service. For one thread."""
 
     def __init__(self) -> None:
-        self._least: dict[bytes, int] = {}
+        self._senders: dict[bytes, _Sender] = {}
 
     def arrival(self, sender: bytes, received_ns: int, sent_ns: int) -> Arrival:
         """Return the arrival of a request that is taken now.
 
-        The one that waited least says what the clock of its sender differs by. The first of a sender counts
-        as sent by a clock that agrees, unless that would have been longer ago than a request waits, or is
-        still to come: what came before a stop must not be carried out after it. So the first request of a
-        client whose clock is some seconds behind may be older than a stop that it came after.
+        What was sent before a stop must not be carried out after it. So a request counts as come when it was
+        sent, as far as the clock of its sender may agree with ours. The one that was late by least says what
+        the clock differs by; of the first ones of a client that is not known yet.
 
         Args:
             sender: id of the client.
@@ -55,12 +73,19 @@ class Requests:
         """
         if received_ns not in (0, sent_ns) or not sent_ns:
             return of_message(received_ns, sent_ns)
-        late = time.time_ns() - sent_ns
-        least = self._least.pop(sender, None)
-        is_first = least is None or late - least > LONGEST_NS
-        least = late if least is None or is_first else min(least, late)
-        self._least[sender] = least
-        for oldest in tuple(self._least)[:-MOST_SENDERS]:
-            del self._least[oldest]
-        agrees = is_first and 0 <= late <= LONGEST_NS
-        return Arrival(sent_ns if agrees else sent_ns + least, -least)
+        late, now = time.time_ns() - sent_ns, time.monotonic_ns()
+        known = self._senders.pop(sender, None)
+        if known is None or late - known.least > LONGEST_NS:
+            known = _Sender(late, now)
+        known.least = min(known.least, late)
+        self._senders[sender] = known
+        for oldest in tuple(self._senders)[:-MOST_SENDERS]:
+            del self._senders[oldest]
+        is_learnt = now - known.first > LONGEST_NS  # else all of them may have waited
+        may_agree = (
+            -_AGREES_NS <= known.least <= MAY_WAIT_NS
+            if is_learnt
+            else -_AGREES_NS <= late <= LONGEST_NS
+        )
+        came = sent_ns if may_agree else sent_ns + known.least - ON_ITS_WAY_NS
+        return Arrival(came, -known.least)
