@@ -47,8 +47,7 @@ def check_between(lab: Lab) -> int:
 
 def _view(lab: Lab) -> View:
     """Look in the domain of the lab; where something is missing there, in those where others are."""
-    spaces = {name: device.namespace for name, device in lab.devices.items()}
-    spaces |= {name: device.namespace for name, device in lab.elsewhere.items()}
+    spaces = {name: device.namespace for name, device in lab.everywhere.items()}
     domain = int(os.environ.get(DOMAIN) or 0)
     machines = ", ".join(name for name in lab.machines if name != lab.machine)
     with ERR.status(f"looking on ROS for devices of {plain(machines)} ...") as status:
@@ -80,13 +79,13 @@ def _table(lab: Lab, view: View) -> Table:
     table = Table(title="seen on ROS", title_justify="left", box=None, pad_edge=False)
     for column in ("device", "machine", "runs on", "state", "version", "clock"):
         table.add_column(column, no_wrap=True)
+    devices = lab.everywhere
     for name, looked in view.looked.items():
-        device = lab.devices.get(name) or lab.elsewhere[name]
         seen = looked.seen
         state = Text("not seen", "yellow")
         if seen.seen:
             style = STATE_STYLES[OperatingState(seen.state)] if seen.state else ""
             state = Text(seen.state or "no state", style)
         said = Text(seen.host), state, Text(looked.driver_version), Text(clock_words(looked))
-        table.add_row(Text(name, "bold cyan"), device.machine, *said)
+        table.add_row(Text(name, "bold cyan"), devices[name].machine, *said)
     return table

@@ -10,12 +10,13 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from crtk_drivers.client.inbox import Inbox, Received
 from crtk_drivers.client.survey import DIAGNOSTICS
 from crtk_drivers.client.told_health import Told, told_of
 from crtk_drivers.errors.wording import printable
+from crtk_drivers.labs.reports import FRESH
 from crtk_drivers.labs.seen import Seen
 from crtk_drivers.ros.names import AMONG_DRIVERS
 from crtk_drivers.ros.plain import message_class
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
     from crtk_drivers.client.ros_link import Link
 
 __all__ = ["HeardDevice", "heard_devices"]
-
-FRESH: Final = 1.0
-"""Seconds that the newest sample of a device that measures may be old, when its driver reports."""
 
 
 class HeardDevice:

@@ -57,13 +57,11 @@ class View:
 
 def findings(lab: Lab, view: View) -> Iterator[Finding]:
     """Yield all that is wrong between the machines of a lab, then what may be meant."""
-    machines = {name: device.machine for name, device in lab.devices.items()}
-    machines |= {name: device.machine for name, device in lab.elsewhere.items()}
-    spaces = {name: device.namespace for name, device in lab.devices.items()}
-    spaces |= {name: device.namespace for name, device in lab.elsewhere.items()}
+    devices = lab.everywhere
+    machines = {name: device.machine for name, device in devices.items()}
     for name, looked in view.looked.items():
         if looked.seen.seen:
-            yield from _wrong_places(name, spaces[name], machines[name], looked, lab)
+            yield from _wrong_places(name, devices[name].namespace, machines[name], looked, lab)
     yield from _wrong_versions(view)
     yield from _wrong_clocks(lab, view, machines)
     yield from _strange_hosts(lab, view, machines)
@@ -147,7 +145,7 @@ def _wrong_versions(view: View) -> Iterator[Finding]:
 
 
 def _wrong_clocks(lab: Lab, view: View, machines: Mapping[str, str]) -> Iterator[Finding]:
-    """Yield each machine whose clock is off: of its devices, the one of which that is known best."""
+    """Yield each machine whose clock is off, as its device with the least uncertainty says."""
     found: dict[str, Looked] = {}
     for name, looked in view.looked.items():
         host, doubt = looked.seen.host or machines[name], looked.seen.uncertainty

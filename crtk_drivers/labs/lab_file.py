@@ -163,6 +163,11 @@ class Lab:
     elsewhere: Mapping[str, Elsewhere] = field(default_factory=dict)
 
     @property
+    def everywhere(self) -> dict[str, LabDevice | Elsewhere]:
+        """Its devices on whatever machine, by name."""
+        return {**self.devices, **self.elsewhere}
+
+    @property
     def left_out(self) -> str:
         """Which devices other machines start, in words; empty if none does."""
         machines = dict.fromkeys(other.machine for other in self.elsewhere.values())
@@ -212,22 +217,17 @@ def load_lab(
     outline = load_outline(path)
     settings, layer, shares = outline.settings, outline.layer, outline.shares
     here = named_machine(shares, machine)
-    wanted = {
-        name: entry
-        for name, entry in outline.entries(only).items()
-        if only or shares.is_of(("devices", name), here)
-    }
     for name in only:
         _require_here(name, shares, here)
+    wanted = [name for name in outline.entries(only) if shares.is_of(("devices", name), here)]
     variables = {**outline.environment, **absolute(environment, Path())}
     is_secured = {**os.environ, **variables}.get(SECURED) == "true"
-    found = {
-        name: replace(
-            _device(name, entry, layer, path, sim, is_secured),
-            machine=shares.owners.get(("devices", name), ""),
-        )
-        for name, entry in wanted.items()
-    }
+
+    def checked(name: str) -> LabDevice:
+        device = _device(name, settings.devices[name], layer, path, sim, is_secured)
+        return replace(device, machine=shares.owners.get(("devices", name), ""))
+
+    found = {name: checked(name) for name in wanted}
     elsewhere = {
         name: Elsewhere(
             name, entry.plugin, namespace_of(name, entry), shares.owners["devices", name]
@@ -240,8 +240,7 @@ def load_lab(
     for name, other in elsewhere.items():
         if other.plugin in drivers:
             with suppress(ConfigError):  # which is told where it is started
-                device = _device(name, settings.devices[name], layer, path, sim, is_secured)
-                others[name] = replace(device, machine=other.machine)
+                others[name] = checked(name)
     _check_alone({**found, **others}, elsewhere, layer)
     order = _ordered({**found, **elsewhere}, settings, layer)
     devices = {name: _coupled(found[name], found) for name in order if name in found}
@@ -349,10 +348,8 @@ def _check_alone(
     devices: Mapping[str, LabDevice], elsewhere: Mapping[str, Elsewhere], lab: Layer
 ) -> None:
     """Refuse two devices in one namespace, or at one address."""
-    spaces = [
-        *((device.namespace, device.name, device.namespace) for device in devices.values()),
-        *((other.namespace, other.name, other.namespace) for other in elsewhere.values()),
-    ]
+    everywhere: list[LabDevice | Elsewhere] = [*devices.values(), *elsewhere.values()]
+    spaces = ((each.namespace, each.name, each.namespace) for each in everywhere)
     addresses = [
         (
             (

@@ -27,6 +27,9 @@ STANDS_STILL: Final = 10.0
 PERIOD: Final = 0.5
 """Seconds between two reports at most."""
 
+FRESH: Final = 1.0
+"""Seconds that the newest sample of a device that measures may be old."""
+
 LONGEST: Final = 200
 """Characters of a text: a report is no longer than what a pipe takes as a whole or not at all (PIPE_BUF)."""
 
@@ -67,7 +70,7 @@ class Report:
             cause=shortened(status.cause),
             is_busy=status.is_busy,
             is_homed=status.is_homed,
-            measures=health.connected and health.sample_age < 1.0,
+            measures=health.connected and health.sample_age < FRESH,
             rate=round(health.rate, 1),
             expected=health.rate_expected,
             late=health.late_cycles,
