@@ -84,8 +84,8 @@ class ShownLab:
             if seen is not None and seen.has_other_time and other.machine not in self._warned:
                 self._warned.add(other.machine)
                 logger.warning(
-                    "the clock of %s is not that of this machine (%s), and so are the stamps of its devices. "
-                    "Synchronize both, as by chrony",
+                    "the clock of %s is not that of this machine (%s): do not compare stamps of its devices "
+                    "with stamps of this machine's. Synchronise the two machines by chrony or PTP",
                     other.machine,
                     _offset(seen),
                 )

@@ -1,8 +1,9 @@
 """When a message came, by the clock of this machine, and by how much the clock of its sender is off.
 
-Of a topic DDS tells both times. Of a request rmw_fastrtps (8.4.3) tells twice when it was sent, and
-rmw_cyclonedds not when it came: by that, goals of a client whose clock is behind would be older than the
-last stop, and refused. When they came is reckoned here.
+Of a message on a topic DDS tells when it was sent and when it came. Of a request it does not tell when it
+came: rmw_fastrtps (8.4.3) gives the time of sending for both, rmw_cyclonedds gives nothing. By the time of
+sending, each goal of a client whose clock is behind would be older than the last stop, and refused. So the
+arrival is reckoned here.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ LONGEST_NS: Final = 10_000_000_000
 """Nanoseconds that a request waits at most: one that is later still comes from a clock that was set."""
 
 MAY_WAIT_NS: Final = 500_000_000
-"""Nanoseconds that even the request which waited least may have waited here, of a clock that agrees."""
+"""Nanoseconds by which each request of a client may be late while its clock counts as one that agrees."""
 
 ON_ITS_WAY_NS: Final = 50_000_000
 """Nanoseconds that a request takes at most to come, if nothing holds it up."""
@@ -82,10 +83,7 @@ class Requests:
         for oldest in tuple(self._senders)[:-MOST_SENDERS]:
             del self._senders[oldest]
         is_learnt = now - known.first > LONGEST_NS  # else all of them may have waited
-        may_agree = (
-            -_AGREES_NS <= known.least <= MAY_WAIT_NS
-            if is_learnt
-            else -_AGREES_NS <= late <= LONGEST_NS
-        )
+        judged, most = (known.least, MAY_WAIT_NS) if is_learnt else (late, LONGEST_NS)
+        may_agree = -_AGREES_NS <= judged <= most
         came = sent_ns if may_agree else sent_ns + known.least - ON_ITS_WAY_NS
         return Arrival(came, -known.least)
