@@ -1,0 +1,48 @@
+"""Deterministic simulation: a driver and its simulator on one simulated machine, with virtual time.
+
+run        run a scenario with a seed
+World      what a scenario is given
+Outcome    what came of it: findings, and the story that led to them
+search     many seeds, several at a time
+shrink     the fewest troubles that a finding needs
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from crtk_drivers.testing.world.kernel import NotSimulated
+    from crtk_drivers.testing.world.outcome import Finding, Outcome
+    from crtk_drivers.testing.world.runner import Host, WorldError, run, search, shrink
+    from crtk_drivers.testing.world.world import World
+
+__all__ = [
+    "Finding",
+    "Host",
+    "NotSimulated",
+    "Outcome",
+    "World",
+    "WorldError",
+    "run",
+    "search",
+    "shrink",
+]
+
+# Imported when first used: a host patches the standard library before anything that keeps its functions.
+_MODULES = {
+    "Finding": "outcome",
+    "Host": "runner",
+    "NotSimulated": "kernel",
+    "Outcome": "outcome",
+    "World": "world",
+    "WorldError": "runner",
+    "run": "runner",
+    "search": "runner",
+    "shrink": "runner",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,0 +1,477 @@
+"""The scheduler of a world: virtual time, threads of which one runs at a time, one seed, one hash.
+
+A task is a real Python thread that waits at a gate of its own. Whoever waits opens the gate of the next task.
+Which task that is comes from a generator that the seed makes. When no task can run, time jumps to the next
+event. Every choice and every packet goes into one hash, so that two runs can be compared.
+
+This module is imported before anything is patched, and takes the real locks and clocks with it.
+"""
+
+from __future__ import annotations
+
+import _thread
+import hashlib
+import heapq
+import random
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable
+from typing import Any, Final, Protocol
+
+from typing_extensions import override
+
+NS: Final = 1_000_000_000
+BOOT: Final = 1000 * NS
+"""Of the monotonic clock, at the beginning of a world."""
+EPOCH: Final = 1_900_000_000 * NS
+"""Of the wall clock, when the monotonic clock is 0: a day in 2030."""
+FOR_EVER: Final = 1 << 62
+READ_COST: Final = 300
+"""ns that a look at a clock takes: a loop that spins until a deadline comes to its end."""
+_SWITCH_COST: Final = (1_000, 15_000)
+"""ns that it takes until the next task runs, between these two."""
+
+_allocate_gate, _start_thread, _real_monotonic, _real_cpu, _get_ident = (
+    _thread.allocate_lock,
+    _thread.start_new_thread,
+    time.monotonic,
+    time.process_time,
+    _thread.get_ident,
+)
+
+Waiters = dict["Task", None]
+"""Who waits for one thing, in the order in which they came."""
+
+
+class NotSimulated(RuntimeError):
+    """A program in a world asked for something that the world does not have; it names that."""
+
+
+class File(Protocol):
+    """What a descriptor of a process leads to."""
+
+    def drop(self) -> None:
+        """Count one descriptor less; the last one closes it."""
+
+
+class Process:
+    """What lives and dies together: threads and descriptors.
+
+    Attributes:
+        pid: process id in the world.
+        argv: its command line.
+        files: by descriptor.
+        handlers: of signals, by number.
+        frozen_until: ns; none of its tasks runs before.
+        vanished: its machine has gone: it answers nothing.
+        exit_code: None while it lives.
+        exited: who waits for its end.
+    """
+
+    def __init__(self, pid: int, name: str, argv: Iterable[str] = ()) -> None:
+        self.pid = pid
+        self.name = name
+        self.argv = list(argv) or [name]
+        self.files: dict[int, File] = {}
+        self.handlers: dict[int, Any] = {}
+        self.pending: list[int] = []
+        self.main: Task | None = None
+        self.main_thread: Any = None
+        self.frozen_until = 0
+        self.vanished = False
+        self.exit_code: int | None = None
+        self.exited: Waiters = {}
+
+    @property
+    def alive(self) -> bool:
+        """Whether it has not ended."""
+        return self.exit_code is None
+
+
+class Task:
+    """A thread of the world.
+
+    Attributes:
+        wants: the lock that it waits for without end.
+        frozen_until: ns; it does not run before.
+    """
+
+    def __init__(self, number: int, name: str, process: Process) -> None:
+        self.number = number
+        self.name = name
+        self.process = process
+        self.gate = _allocate_gate()
+        self.gate.acquire()
+        self.ready = self.ended = self.woken = False
+        self.frozen_until = 0
+        self.turn = 0  # counts waits: a timer of an earlier one does nothing
+        self.wants: Any = None
+        self.sentinel: Any = None  # released at its end
+        self.ident = 0
+
+    @override
+    def __repr__(self) -> str:
+        return f"{self.process.name}/{self.name}"
+
+
+class Kernel:
+    """The machine of one world.
+
+    Args:
+        seed: of all that happens.
+        preempt: share of the points of preemption at which another task goes on.
+        stall: share of them at which the task is kept from running for up to 30 ms.
+        horizon: s after which the world ends.
+
+    Attributes:
+        now: ns of the monotonic clock.
+        entropy: what a program is given that asks the system for random numbers.
+        wall_offset: ns that the wall clock was set forward.
+        current: the task that runs; None while an event is carried out, which belongs to no task.
+        over: why the world has ended; empty while it goes on.
+        findings: what was wrong: kind, time in s, text.
+        log: every line of the trace, if it is a list.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        *,
+        preempt: float = 0.0,
+        stall: float = 0.0,
+        horizon: float = 60.0,
+    ) -> None:
+        self.seed = seed
+        self._random = self.stream("schedule")
+        self.entropy = self.stream("entropy")
+        self.now = BOOT
+        self.wall_offset = 0
+        self.preempt_share = preempt
+        self.stall_share = stall
+        self._horizon = BOOT + int(horizon * NS)
+        self.tasks: list[Task] = []
+        self.processes: list[Process] = []
+        self._runnable: list[Task] = []
+        self._timers: list[tuple[int, int, Callable[[], object]]] = []
+        self._count = 0
+        self.current: Task | None = None
+        self.over = ""
+        self.findings: list[tuple[str, float, str]] = []
+        self._hash = hashlib.blake2b(digest_size=8)
+        self.log: list[str] | None = None
+        self.switches = 0
+        self.real = self.cpu = 0.0
+        self._done = _allocate_gate()
+        self._done.acquire()
+
+    def stream(self, purpose: str) -> random.Random:
+        """Return a generator of this seed for one purpose; what others draw does not change it."""
+        return random.Random(f"{self.seed} {purpose}")
+
+    # Time
+
+    @property
+    def seconds(self) -> float:
+        """Since the beginning of the world."""
+        return (self.now - BOOT) / NS
+
+    def at(self, when: int, function: Callable[[], object]) -> None:
+        """Call `function` at a time (ns). It runs in no task, so it must not wait."""
+        self._count += 1
+        heapq.heappush(self._timers, (when, self._count, function))
+
+    def after(self, seconds: float, function: Callable[[], object]) -> None:
+        """Call `function` so many seconds from now. It runs in no task, so it must not wait."""
+        self.at(self.now + int(seconds * NS), function)
+
+    def read_clock(self) -> int:
+        """Return ns of the monotonic clock, for a program."""
+        if self.current is not None:
+            self.now += READ_COST
+            self.preempt()
+        return self.now
+
+    def deadline(self, timeout: float | None) -> int | None:
+        """Return when a timeout (s) is over, in ns; None if it never is."""
+        return None if timeout is None or timeout < 0 else self.now + int(timeout * NS)
+
+    # The trace
+
+    def note(self, *what: object) -> None:
+        """Add a line to the trace."""
+        line = repr((self.now, *what)).encode()
+        self._hash.update(line)
+        if self.log is not None:
+            self.log.append(line.decode())
+
+    @property
+    def hash(self) -> str:
+        """Of the trace by now."""
+        return self._hash.hexdigest()
+
+    def find(self, kind: str, text: str) -> None:
+        """Something is wrong: it is among the findings, and the world ends."""
+        self.note("found", kind)
+        self.findings.append((kind, self.seconds, text))
+        self.over = self.over or kind
+
+    # Processes and tasks
+
+    @property
+    def process(self) -> Process:
+        """Whose task runs; the first process while none does."""
+        return self.processes[0] if self.current is None else self.current.process
+
+    def add_process(self, name: str, argv: Iterable[str] = ()) -> Process:
+        """Make a process without a task."""
+        found = Process(4000 + len(self.processes), name, argv)
+        self.processes.append(found)
+        return found
+
+    def start(self, name: str, function: Callable[[Task], object], process: Process) -> Task:
+        """Make a task that is ready to run."""
+        task = Task(len(self.tasks), name, process)
+        self.tasks.append(task)
+
+        def body() -> None:
+            task.ident = _get_ident()
+            task.gate.acquire()
+            try:
+                function(task)
+            except SystemExit:
+                pass  # as a thread of Python ends by it
+            except BaseException:
+                self.find("a thread died", f"{task}: {traceback.format_exc()}")
+            task.ended = True
+            if task.sentinel is not None:
+                task.sentinel.release()
+            self._hand_on(None)
+
+        _start_thread(body, ())
+        self._make_ready(task)
+        return task
+
+    def end_process(self, process: Process, code: int, *, silently: bool = False) -> None:
+        """End a process at once: its tasks never run again, and the system closes its files.
+
+        Args:
+            process: it.
+            code: that whoever waits for it is given.
+            silently: its machine has gone: nobody is told, and nothing is closed.
+        """
+        if not process.alive:
+            return
+        process.exit_code = code
+        process.vanished = silently
+        self.note("end", process.name, code, silently)
+        if not silently:
+            files, process.files = process.files, {}
+            for file in files.values():
+                file.drop()
+        self.wake(process.exited)
+        if self.current is not None and self.current.process is process:
+            self._hand_on(self.current)  # and never back
+
+    def send_signal(self, process: Process, number: int) -> None:
+        """Let the main task of a process carry out the handler of a signal, or the signal's own effect."""
+        process.pending.append(number)
+        if process.main is not None:
+            self._make_ready(process.main)
+
+    def _make_ready(self, task: Task) -> None:
+        if not (task.ready or task.ended):
+            task.ready = True
+            self._runnable.append(task)
+
+    def wake(self, waiters: Waiters) -> None:
+        """Let tasks look again whether they have what they wait for."""
+        for task in waiters:
+            task.woken = True
+            self._make_ready(task)
+
+    def wait(self, queues: Iterable[Waiters], until: int | None = None) -> bool:
+        """Give up the processor until one of `queues` is woken, or until a time (ns).
+
+        It may also end for no reason: whoever waits looks again.
+
+        Returns:
+            whether it was woken.
+        """
+        task = self.current
+        if task is None:
+            raise NotSimulated("waiting in an event, which belongs to no task")
+        queues = tuple(queues)
+        task.turn += 1
+        turn, task.woken = task.turn, False
+        for queue in queues:
+            queue[task] = None
+        if until is not None:
+            self.at(max(until, self.now + 1), lambda: self._time_out(task, turn))
+        self._hand_on(task)
+        for queue in queues:
+            queue.pop(task, None)
+        task.turn += 1
+        woken = task.woken
+        if task.process.pending and task is task.process.main:
+            self._handle_signals(task.process)
+        return woken
+
+    def _time_out(self, task: Task, turn: int) -> None:
+        if task.turn == turn:
+            self._make_ready(task)
+
+    @staticmethod
+    def _handle_signals(process: Process) -> None:
+        while process.pending:
+            number = process.pending.pop(0)
+            handler = process.handlers.get(number)
+            if callable(handler):
+                handler(number, None)
+
+    def preempt(self) -> None:
+        """Let another task go on here, now and then."""
+        if self.current is None:
+            return
+        chance = self._random.random()
+        if chance < self.stall_share:
+            self.current.frozen_until = self.now + int(self._random.random() * 0.03 * NS)
+            self.at(self.current.frozen_until, _nothing)
+            self.give_way()
+        elif chance < self.stall_share + self.preempt_share:
+            self.give_way()
+
+    def give_way(self) -> None:
+        """Let another task go on; the current one stays ready."""
+        if self.current is not None:
+            self._make_ready(self.current)
+            self._hand_on(self.current)
+
+    def _hand_on(self, task: Task | None) -> None:
+        following = self._choose()
+        if following is task is not None:
+            return
+        if following is None:
+            self._done.release()
+        else:
+            if self.current is None or self.current.process is not following.process:
+                sys.argv = following.process.argv
+            self.current = following
+            following.gate.release()
+        if task is not None:
+            task.gate.acquire()
+
+    def _choose(self) -> Task | None:
+        """Return the next task; time goes on to the next event as often as none can run."""
+        while not self.over:
+            while self._timers and self._timers[0][0] <= self.now:
+                self._call(heapq.heappop(self._timers)[2])
+            able = [task for task in self._runnable if self._may_run(task)]
+            if able:
+                task = able[self._random.randrange(len(able))] if len(able) > 1 else able[0]
+                self._runnable.remove(task)
+                task.ready = False
+                self.now += self._random.randrange(*_SWITCH_COST)
+                self.switches += 1
+                self.note(task.number, len(able))
+                return task
+            if not self._timers:
+                self.find("all wait for ever", self.stacks())
+            elif self._timers[0][0] > self._horizon:
+                self.find("not done at the horizon", self.stacks())
+            else:
+                self.now = max(self.now, self._timers[0][0])
+        return None
+
+    def _call(self, function: Callable[[], object]) -> None:
+        task, self.current = self.current, None
+        try:
+            function()
+        except Exception:
+            self.find("the world is broken", traceback.format_exc())
+        finally:
+            self.current = task
+
+    def _may_run(self, task: Task) -> bool:
+        process = task.process
+        return process.exit_code is None and (
+            max(task.frozen_until, process.frozen_until) <= self.now
+        )
+
+    # Faults
+
+    def freeze(self, what: Task | Process, seconds: float) -> None:
+        """Let a task or a whole process stand still, for ever if `seconds` is infinite."""
+        self.note("freeze", what.name, seconds)
+        if seconds == float("inf"):
+            what.frozen_until = FOR_EVER
+        else:
+            what.frozen_until = self.now + int(seconds * NS)
+            self.at(what.frozen_until, _nothing)
+
+    def thaw(self, what: Task | Process) -> None:
+        """Let what was frozen go on."""
+        what.frozen_until = 0
+        self.at(self.now, _nothing)
+
+    # The run
+
+    def run(self, main: Callable[[], object], process: Process) -> None:
+        """Run `main` as the first task until it has returned or the world has ended."""
+
+        def first(_: Task) -> None:
+            main()
+            self.over = self.over or "done"
+
+        process.main = self.start("main", first, process)
+        real, cpu = _real_monotonic(), _real_cpu()
+        self._hand_on(None)
+        self._done.acquire()
+        self.real, self.cpu = _real_monotonic() - real, _real_cpu() - cpu
+
+    def stacks(self) -> str:
+        """Return where each task is, a line for each."""
+        frames, lines = sys._current_frames(), []  # noqa: SLF001 - there is no other way
+        for task in self.tasks:
+            if task.ended or not task.process.alive or task.ident not in frames:
+                continue
+            stack = traceback.extract_stack(frames[task.ident])
+            places = [
+                f"{each.filename.rpartition('/')[2]}:{each.lineno} {each.name}"
+                for each in stack
+                if "/testing/world/" not in each.filename
+                and not each.filename.endswith("threading.py")
+            ]
+            lines.append(f"{task}: " + " > ".join(places[-4:]))
+        return "\n".join(lines)
+
+
+def _nothing() -> None:
+    """Be an event at which it is looked who can run."""
+
+
+class _Running:
+    """The kernel of the world that this process is; None before it has begun."""
+
+    kernel: Kernel | None = None
+
+
+running = _Running()
+
+
+def begin(kernel: Kernel) -> None:
+    """Let what is patched work for a kernel."""
+    running.kernel = kernel
+
+
+def here() -> Kernel:
+    """Return the kernel of this world.
+
+    Raises:
+        NotSimulated: there is none yet: a module opens or waits for something while it is imported.
+    """
+    if running.kernel is None:
+        raise NotSimulated(
+            "the world has not begun: a module does I/O, or starts a thread, at import"
+        )
+    return running.kernel

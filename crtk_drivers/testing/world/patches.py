@@ -1,0 +1,230 @@
+"""Put a world in place of the operating system, in the modules of the standard library.
+
+This comes before anything that keeps a function of these modules is imported. No other source is changed.
+"""
+
+from __future__ import annotations
+
+import _socket
+import _thread
+import fcntl
+import functools
+import importlib
+import os
+import random
+import select
+import sys
+import termios
+import time
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any, Final, NoReturn
+
+from crtk_drivers.testing.world import clocks, files, locks, polling, sockets, terminals
+from crtk_drivers.testing.world.kernel import NotSimulated, running
+
+_TOO_LATE: Final = (
+    "asyncio",
+    "logging",
+    "multiprocessing",
+    "queue",
+    "selectors",
+    "socket",
+    "subprocess",
+    "threading",
+)
+"""Modules that keep what is replaced: they are imported later."""
+
+_THREADS: Final[dict[str, Any]] = {
+    "allocate_lock": locks.Lock,
+    "lock": locks.Lock,
+    "LockType": locks.Lock,
+    "RLock": locks.RLock,
+    "start_new_thread": locks.start_new_thread,
+    "start_new": locks.start_new_thread,
+    "_set_sentinel": locks.set_sentinel,
+    "start_joinable_thread": locks.start_joinable_thread,
+    "_ThreadHandle": locks.ThreadHandle,
+}
+_CLOCKS: Final[dict[str, Any]] = {
+    "monotonic": clocks.monotonic,
+    "monotonic_ns": clocks.monotonic_ns,
+    "perf_counter": clocks.monotonic,
+    "perf_counter_ns": clocks.monotonic_ns,
+    "process_time": clocks.monotonic,
+    "thread_time": clocks.monotonic,
+    "time": clocks.wall,
+    "time_ns": clocks.time_ns,
+    "sleep": clocks.sleep,
+}
+_POLLING: Final[dict[str, Any]] = {
+    "select": polling.select_,
+    "poll": polling.Poll,
+    "epoll": polling.Epoll,
+}
+_SOCKETS: Final[dict[str, Any]] = {
+    "socket": sockets.Socket,
+    "SocketType": sockets.Socket,
+    "socketpair": sockets.socketpair,
+    "close": sockets.close,
+    "dup": sockets.dup,
+    "getaddrinfo": sockets.getaddrinfo,
+    "getdefaulttimeout": sockets.getdefaulttimeout,
+    "setdefaulttimeout": sockets.setdefaulttimeout,
+}
+_REFUSED: Final = {
+    "os": (
+        "fork forkpty posix_spawn posix_spawnp execv execve wait waitpid waitid pidfd_open splice sendfile "
+        "timerfd_create"
+    ),
+    "signal": "alarm setitimer set_wakeup_fd pthread_kill sigwait sigtimedwait pidfd_send_signal",
+    "_socket": "gethostbyname gethostbyname_ex gethostbyaddr getnameinfo",
+}
+
+
+def install() -> None:
+    """Patch the standard library of this process, for good.
+
+    Raises:
+        RuntimeError: something that keeps the real functions is imported already.
+    """
+    if early := [name for name in _TOO_LATE if name in sys.modules]:
+        raise RuntimeError(f"a world is installed before these are imported: {', '.join(early)}")
+    for module, new in (
+        (_thread, _THREADS),
+        (time, _CLOCKS),
+        (select, _POLLING),
+        (_socket, _SOCKETS),
+    ):
+        _put(module, new)
+    _put(functools, {"RLock": locks.RLock})
+    _put(random, {"_urandom": _urandom})
+    # `queue` has the same in Python.
+    sys.modules["_queue"] = None  # type: ignore[assignment]
+    _put_os()
+    for name, refused in _REFUSED.items():
+        found = importlib.import_module(name)
+        _put(found, {each: _refusal(f"{name}.{each}") for each in refused.split()})
+    _put_terminals()
+    _put_processes()
+    _let_seeds_be_of_the_world()
+
+
+def _put(module: ModuleType, new: dict[str, Any]) -> None:
+    """Replace what a module has; what this version of Python does not have is left out."""
+    for name, value in new.items():
+        if hasattr(module, name):
+            setattr(module, name, value)
+
+
+def _refusal(name: str) -> Callable[..., NoReturn]:
+    def refuse(*_: object, **__: object) -> NoReturn:
+        raise NotSimulated(name)
+
+    return refuse
+
+
+def _put_os() -> None:
+    _put(
+        os,
+        {
+            "pipe": files.pipe,
+            "pipe2": files.pipe,
+            "open": terminals.open_,
+            "openpty": terminals.openpty,
+            "eventfd": files.eventfd,
+            "eventfd_read": files.eventfd_read,
+            "eventfd_write": files.eventfd_write,
+            "urandom": _urandom,
+            "sched_setscheduler": lambda *_: None,
+            "sched_setaffinity": lambda *_: None,
+        },
+    )
+    ttyname, fstat, close = os.ttyname, os.fstat, os.close
+
+    def close_any(descriptor: int) -> None:
+        """Close a descriptor; whoever waits for a real one in the world is told."""
+        if files.is_ours(descriptor):
+            files.close(descriptor)
+        else:
+            files.forget_real(descriptor)
+            close(descriptor)
+
+    _put(os, {"close": close_any})
+    of_descriptors: dict[str, Callable[..., Any]] = {
+        "read": lambda fd, most: files.find(fd).read(most),
+        "write": lambda fd, data: files.find(fd).write(data),
+        "ttyname": lambda fd: ttyname(terminals.real_of(fd)),
+        "fstat": lambda fd: fstat(terminals.real_of(fd)),
+        "isatty": terminals.isatty,
+        "dup": lambda fd: files.add(files.find(fd)),
+        "set_blocking": lambda fd, flag: setattr(files.find(fd), "blocking", flag),
+        "get_blocking": lambda fd: files.find(fd).blocking,
+        "set_inheritable": lambda *_: None,
+        "fdopen": files.fdopen,
+    }
+    for name, ours in of_descriptors.items():
+        _put(os, {name: _for_descriptors(getattr(os, name), ours)})
+
+
+def _for_descriptors(theirs: Callable[..., Any], ours: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the system's function, or ours for a descriptor of a world."""
+
+    def chosen(descriptor: Any, *rest: Any, **more: Any) -> Any:
+        if running.kernel is not None and not isinstance(descriptor, int):
+            descriptor = files.number_of(descriptor)
+        return (ours if files.is_ours(descriptor) else theirs)(descriptor, *rest, **more)
+
+    return chosen
+
+
+def _put_terminals() -> None:
+    for name in ("tcgetattr", "tcsetattr", "tcflush", "tcdrain", "tcsendbreak"):
+        _put(termios, {name: _for_descriptors(getattr(termios, name), getattr(terminals, name))})
+    _put(
+        fcntl,
+        {
+            "ioctl": _for_descriptors(fcntl.ioctl, _ioctl),
+            "flock": _for_descriptors(fcntl.flock, terminals.flock),
+            "fcntl": _for_descriptors(fcntl.fcntl, terminals.fcntl_),
+        },
+    )
+
+
+def _put_processes() -> None:
+    """Import what stands on what is replaced by now, and replace processes and signals."""
+    import signal
+    import subprocess
+    import threading
+
+    from crtk_drivers.testing.world import processes
+
+    _put(subprocess, {"Popen": processes.Popen})
+    _put(signal, {"signal": processes.set_handler, "getsignal": processes.get_handler})
+    _put(os, {"kill": processes.kill, "_exit": processes.exit_now, "getpid": processes.getpid})
+    _put(threading, {"main_thread": processes.main_thread})
+
+
+def _ioctl(descriptor: int, request: int, argument: Any = 0, mutate: bool = True) -> Any:
+    return files.find(descriptor).control(request, argument)
+
+
+# Numbers that are random elsewhere
+
+
+def _urandom(size: int) -> bytes:
+    kernel = running.kernel
+    return bytes(size) if kernel is None else kernel.entropy.randbytes(size)
+
+
+def _let_seeds_be_of_the_world() -> None:
+    """Let a generator that nobody seeds be seeded by the world."""
+    plain = random.Random.seed
+
+    def seed(self: random.Random, a: Any = None, version: int = 2) -> None:
+        kernel = running.kernel
+        if a is None:
+            a = 0 if kernel is None else kernel.entropy.getrandbits(64)
+        plain(self, a, version)
+
+    random.Random.seed = seed  # type: ignore[method-assign]

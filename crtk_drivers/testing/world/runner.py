@@ -1,0 +1,227 @@
+"""Runs scenarios from a test or a search: hosts, seeds, and the fewest troubles that a failure needs."""
+
+from __future__ import annotations
+
+import atexit
+import inspect
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, Self
+
+from crtk_drivers.testing.world.outcome import Outcome
+
+PATIENCE: Final = 180.0
+"""s of real time within which a world must have ended."""
+
+
+class WorldError(RuntimeError):
+    """A world could not be run: its file cannot be imported, or its process hangs or has died."""
+
+
+class Host:
+    """A process that runs worlds, one after the other.
+
+    Args:
+        file: that has the scenarios at its top level.
+        preload: modules that it imports first.
+    """
+
+    def __init__(self, file: Path, preload: Sequence[str] = ()) -> None:
+        self._file = file
+        command = [sys.executable, "-m", "crtk_drivers.testing.world.host", str(file), *preload]
+        path = os.pathsep.join(each for each in sys.path if each)
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, "PYTHONHASHSEED": "0", "PYTHONPATH": path},
+        )
+        self._read = bytearray()
+
+    def fileno(self) -> int:
+        """Return what becomes readable when there is an answer."""
+        assert self._process.stdout is not None
+        return self._process.stdout.fileno()
+
+    def ask(
+        self, scenario: str, seed: int, *, before: str = "", log: str = "", **options: Any
+    ) -> None:
+        """Begin to run a seed."""
+        request = {
+            "scenario": scenario,
+            "seed": seed,
+            "options": options,
+            "before": before,
+            "log": log,
+        }
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(request).encode() + b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError as error:
+            raise WorldError(f"the process for the scenarios of {self._file} has ended") from error
+
+    def answer(self, patience: float = PATIENCE) -> Outcome:
+        """Return what came of the seed that was asked for.
+
+        Raises:
+            WorldError: it cannot be run, or is not done in time.
+        """
+        deadline = time.monotonic() + patience
+        while b"\n" not in self._read:
+            left = deadline - time.monotonic()
+            if left <= 0.0 or not select.select([self], [], [], left)[0]:
+                self.close()
+                raise WorldError(
+                    f"a world of {self._file} is not done in {patience:g} s: most likely something in it "
+                    "waits for the real system, past what is patched"
+                )
+            piece = os.read(self.fileno(), 1 << 20)
+            if not piece:
+                raise WorldError(
+                    f"the process for the scenarios of {self._file} has ended; see its output"
+                )
+            self._read += piece
+        line, _, rest = bytes(self._read).partition(b"\n")
+        self._read = bytearray(rest)
+        found = json.loads(line)
+        if "error" in found:
+            raise WorldError(found["error"])
+        return Outcome.of_json(found)
+
+    def run(
+        self, scenario: str, seed: int, *, patience: float = PATIENCE, **options: Any
+    ) -> Outcome:
+        """Run a seed; see `World` for the options."""
+        self.ask(scenario, seed, **options)
+        return self.answer(patience)
+
+    def close(self) -> None:
+        """End the process; safe to repeat."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None and not pipe.closed:
+                try:
+                    pipe.close()
+                except BrokenPipeError:
+                    continue
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+_hosts: dict[Path, Host] = {}
+
+
+def _host_of(scenario: Callable[..., object]) -> tuple[Host, str]:
+    """Return the host of a scenario's file, started at the first use, and the scenario's name in it."""
+    file = Path(inspect.getfile(scenario)).resolve()
+    name = scenario.__qualname__
+    if "<" in name:
+        raise ValueError(f"{name}: a scenario is a function at the top level of its file")
+    if file not in _hosts:
+        if not _hosts:
+            atexit.register(_close_hosts)
+        _hosts[file] = Host(file)
+    return _hosts[file], name
+
+
+def _close_hosts() -> None:
+    while _hosts:
+        _hosts.popitem()[1].close()
+
+
+def run(scenario: Callable[..., object], seed: int, **options: Any) -> Outcome:
+    """Run a scenario with a seed in a world of its own.
+
+    Args:
+        scenario: a function at the top level of a file, which is imported anew where the world runs.
+        seed: of all that happens.
+        options: of `World`.
+
+    Raises:
+        WorldError: it cannot be run.
+    """
+    host, name = _host_of(scenario)
+    try:
+        return host.run(name, seed, **options)
+    except WorldError:
+        _hosts.pop(Path(inspect.getfile(scenario)).resolve(), host).close()
+        raise
+
+
+def search(
+    file: Path,
+    scenario: str,
+    seeds: Iterable[int],
+    *,
+    workers: int = 1,
+    preload: Sequence[str] = (),
+    **options: Any,
+) -> Iterator[Outcome]:
+    """Run a scenario of a file with many seeds, several at a time; yield the outcomes as they come.
+
+    Args:
+        file, scenario: where it is, and what it is called.
+        seeds: each in a world of its own.
+        workers: how many at a time.
+        preload: modules that are imported before the file.
+        options: of `World`.
+    """
+    waiting = deque(seeds)
+    hosts = [Host(file, preload) for _ in range(min(workers, len(waiting)))]
+    busy = []
+    try:
+        for host in hosts:
+            host.ask(scenario, waiting.popleft(), **options)
+            busy.append(host)
+        while busy:
+            ready, _, _ = select.select(busy, [], [], PATIENCE)
+            for host in ready or busy[:1]:
+                outcome = host.answer(PATIENCE if ready else 0.0)
+                if waiting:
+                    host.ask(scenario, waiting.popleft(), **options)
+                else:
+                    busy.remove(host)
+                yield outcome
+    finally:
+        for host in hosts:
+            host.close()
+
+
+def shrink(rerun: Callable[[Sequence[int]], Outcome], found: Outcome) -> Outcome:
+    """Return a run with the same finding and as few troubles as can be found.
+
+    Args:
+        rerun: runs the same seed without some troubles.
+        found: a run with a finding.
+    """
+    best = found
+    kept = [number for number in range(found.troubles) if number not in found.without]
+    size = max(1, len(kept) // 2)
+    while kept:
+        for start in range(0, len(kept), size):
+            rest = kept[:start] + kept[start + size :]
+            without = [number for number in range(found.troubles) if number not in rest]
+            tried = rerun(without)
+            if tried.kinds & found.kinds:
+                best, kept = tried, rest
+                break
+        else:
+            if size == 1:
+                break
+            size = max(1, size // 2)
+            continue
+        size = min(size, max(1, len(kept)))
+    return best

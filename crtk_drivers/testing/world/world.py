@@ -1,0 +1,142 @@
+"""A world with programs in it: what a scenario is given."""
+
+from __future__ import annotations
+
+import logging
+import random
+import threading
+import traceback
+from collections.abc import Callable, Collection
+from typing import Any, Final
+
+from typing_extensions import override
+
+from crtk_drivers.testing.world import kernel as kernels
+from crtk_drivers.testing.world import network as networks
+from crtk_drivers.testing.world.kernel import Kernel
+from crtk_drivers.testing.world.outcome import Finding, Line, Outcome
+from crtk_drivers.testing.world.troubles import Troubles, Weather
+
+Scenario = Callable[["World"], object]
+"""What happens in a world: it runs in the main thread of the first process."""
+
+_PREEMPT: Final = (0.0, 0.005, 0.05)
+_LONGEST_LINE: Final = 400
+
+
+class World:
+    """One run.
+
+    Args:
+        seed: of all that happens.
+        wild: whether there is bad weather, and the processes' threads are held up.
+        horizon: s after which it is a finding that the scenario has not ended.
+        without: numbers of troubles to leave out.
+
+    Attributes:
+        random: for what a scenario chooses.
+        troubles: what goes wrong.
+    """
+
+    def __init__(
+        self, seed: int, *, wild: bool = False, horizon: float = 60.0, without: Collection[int] = ()
+    ) -> None:
+        self.kernel = Kernel(seed, horizon=horizon)
+        self.random = self.kernel.stream("script")
+        self.wild = wild
+        weather = Weather(self.kernel, self.kernel.stream("weather"))
+        self.network = networks.Network(weather)
+        self._story: list[Line] = []
+        self._without = tuple(without)
+        self.troubles = Troubles(self.kernel, self.network, weather, self._tell_trouble, without)
+        self.kernel.preempt_share = self.kernel.stream("preemption").choice(_PREEMPT)
+        if wild:
+            self.troubles.draw_weather()
+
+    # What a scenario uses
+
+    def say(self, text: str) -> None:
+        """Add a line to the story."""
+        self._add(self.kernel.process.name, text)
+
+    def find(self, kind: str, text: str) -> None:
+        """Report that something is wrong, which ends the world."""
+        self.kernel.find(kind, text)
+
+    def watch(self, look: Callable[[], str | None], kind: str, period: float = 0.002) -> None:
+        """Call `look` again and again from outside of the world: while it runs, nobody else does.
+
+        Args:
+            look: returns what is wrong, or nothing. It must not wait.
+            kind: of the finding.
+            period: s between two calls.
+        """
+
+        def turn() -> None:
+            if text := look():
+                self.find(kind, text)
+            self.kernel.after(period, turn)
+
+        self.kernel.after(period, turn)
+
+    @property
+    def now(self) -> float:
+        """Monotonic clock, s; looking costs no time and lets nobody else go on."""
+        return self.kernel.now / kernels.NS
+
+    # The run
+
+    def run(self, scenario: Scenario) -> Outcome:
+        """Run a scenario to its end, or to that of the world."""
+        kernels.begin(self.kernel)
+        networks.begin(self.network)
+        process = self.kernel.add_process("main")
+        threading.excepthook = self._thread_died
+        root = logging.getLogger()
+        root.handlers[:] = [_ToStory(self)]
+        random.seed(self.kernel.seed)
+
+        def main() -> None:
+            process.main_thread = threading.current_thread()
+            scenario(self)
+
+        self.kernel.run(main, process)
+        kernel = self.kernel
+        return Outcome(
+            seed=kernel.seed,
+            over=kernel.over,
+            hash=kernel.hash,
+            findings=tuple(Finding(*each) for each in kernel.findings),
+            story=tuple(self._story),
+            troubles=self.troubles.count,
+            without=self._without,
+            virtual=kernel.seconds,
+            cpu=kernel.cpu,
+            switches=kernel.switches,
+            packets=self.network.packets,
+        )
+
+    def _add(self, who: str, text: str) -> None:
+        self._story.append(Line(self.kernel.seconds, who, text[:_LONGEST_LINE]))
+
+    def _tell_trouble(self, text: str) -> None:
+        self._add("TROUBLE", text)
+
+    def tell_record(self, record: logging.LogRecord) -> None:
+        """Add what a program has logged."""
+        self._add(self.kernel.process.name, f"{record.levelname} {record.getMessage()}")
+
+    def _thread_died(self, what: Any) -> None:
+        lines = traceback.format_exception(what.exc_type, what.exc_value, what.exc_traceback)
+        name = what.thread.name if what.thread else "?"
+        self.find("a thread died", f"{self.kernel.process.name}/{name}: {''.join(lines)}")
+
+
+class _ToStory(logging.Handler):
+    def __init__(self, world: World) -> None:
+        super().__init__(logging.WARNING)
+        self._world = world
+
+    @override
+    def emit(self, record: logging.LogRecord) -> None:
+        self._world.tell_record(record)
