@@ -57,6 +57,8 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
     """One line."""
     Config: type[ConfigT]
     """The dataclass of its options; see :mod:`crtk_sim_backends.options`."""
+    serving: tuple[ServerT, ...] = ()
+    """Those of its servers that run in this process, for whoever judges by the simulator's own truth."""
 
     @abstractmethod
     def serve(self, config: ConfigT, parent_fd: int | None) -> ServerT:
@@ -129,6 +131,7 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
         ready = readiness or Readiness(None, None)
         chosen = config or self.Config()
         server = self.serve(chosen, ready.parent_fd)
+        self.serving = (*self.serving, server)
         try:
             with command_line.stopped_by_signals(server.stop), self._page(chosen, server) as page:
                 places = self.places(server)
@@ -146,6 +149,7 @@ class Simulator(ABC, Generic[ConfigT, ServerT]):
                 report("stop it with Ctrl-C")
                 server.run()
         finally:
+            self.serving = tuple(each for each in self.serving if each is not server)
             server.close()
         return 0
 

@@ -27,6 +27,8 @@ BOOT: Final = 1000 * NS
 EPOCH: Final = 1_900_000_000 * NS
 """Of the wall clock, when the monotonic clock is 0: a day in 2030."""
 FOR_EVER: Final = 1 << 62
+DONE: Final = "done"
+"""Why a world has ended in which nothing was found."""
 READ_COST: Final = 300
 """ns that a look at a clock takes: a loop that spins until a deadline comes to its end."""
 _SWITCH_COST: Final = (1_000, 15_000)
@@ -421,7 +423,7 @@ class Kernel:
 
         def first(_: Task) -> None:
             main()
-            self.over = self.over or "done"
+            self.over = self.over or DONE
 
         process.main = self.start("main", first, process)
         real, cpu = _real_monotonic(), _real_cpu()

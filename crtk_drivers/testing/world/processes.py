@@ -63,7 +63,7 @@ class Popen:
                 found = files.find(given)
                 found.hold()
                 self._process.files[number] = found
-        self._process.main = kernel.start("main", lambda _: _run(main), self._process)
+        self._process.main = kernel.start("main", lambda _: run_main(main), self._process)
         self.pid = self._process.pid
         self.stdin = self.stdout = self.stderr = None
 
@@ -132,7 +132,7 @@ def _program(args: list[str]) -> tuple[Callable[[], object], list[str]]:
     return lambda: exec(code, space), ["-c", *arguments]
 
 
-def _run(main: Callable[[], object]) -> None:
+def run_main(main: Callable[[], object]) -> None:
     """Be the main task of a process."""
     process = here().process
     process.main_thread = threading.current_thread()

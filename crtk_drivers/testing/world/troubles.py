@@ -195,17 +195,16 @@ class Troubles:
         return f"the process {process.name} stands still for {seconds:.3g} s"
 
     def _freeze_thread(self, seconds: float, chosen: float) -> str:
-        first = self._kernel.processes[0]
         alive = [
             task
             for task in self._kernel.tasks
-            if task.process is first and not task.ended and task is not first.main
+            if task.process.alive and not task.ended and task is not task.process.main
         ]
         if not alive:
             return "no thread to freeze"
         victim = alive[int(chosen * len(alive))]
         self._kernel.freeze(victim, seconds)
-        return f"the thread {victim.name} stands still for {seconds:.3g} s"
+        return f"the thread {victim} stands still for {seconds:.3g} s"
 
     def _step_clock(self, seconds: float, chosen: float) -> str:
         step = int((chosen - 0.5) * 2.0 * 3600.0 * NS)

@@ -13,8 +13,9 @@ from typing_extensions import override
 
 from crtk_drivers.testing.world import kernel as kernels
 from crtk_drivers.testing.world import network as networks
-from crtk_drivers.testing.world.kernel import Kernel
+from crtk_drivers.testing.world.kernel import DONE, Kernel, Process
 from crtk_drivers.testing.world.outcome import Finding, Line, Outcome
+from crtk_drivers.testing.world.processes import run_main
 from crtk_drivers.testing.world.troubles import Troubles, Weather
 
 Scenario = Callable[["World"], object]
@@ -63,21 +64,47 @@ class World:
         """Report that something is wrong, which ends the world."""
         self.kernel.find(kind, text)
 
-    def watch(self, look: Callable[[], str | None], kind: str, period: float = 0.002) -> None:
-        """Call `look` again and again from outside of the world: while it runs, nobody else does.
+    def end(self) -> None:
+        """End the world: all is done."""
+        self.kernel.over = self.kernel.over or DONE
 
-        Args:
-            look: returns what is wrong, or nothing. It must not wait.
-            kind: of the finding.
-            period: s between two calls.
+    def every(self, period: float, look: Callable[[], object]) -> None:
+        """Call `look` every `period` s from outside of the world: while it runs, nobody else does.
+
+        It must not wait. What it calls passes all locks.
         """
 
         def turn() -> None:
-            if text := look():
-                self.find(kind, text)
+            look()
             self.kernel.after(period, turn)
 
         self.kernel.after(period, turn)
+
+    def watch(self, look: Callable[[], str | None], kind: str, period: float = 0.002) -> None:
+        """Judge the world every `period` s from outside.
+
+        Args:
+            look: returns what is wrong, or nothing; see `every`.
+            kind: of the finding.
+            period: s between two looks.
+        """
+
+        def judge() -> None:
+            if text := look():
+                self.find(kind, text)
+
+        self.every(period, judge)
+
+    def start(self, name: str, function: Callable[[], object]) -> Process:
+        """Start a process in which `function` runs; it ends with it."""
+        process = self.kernel.add_process(name)
+        process.main = self.kernel.start("main", lambda _: run_main(function), process)
+        return process
+
+    def join(self, process: Process) -> None:
+        """Wait until a process has ended."""
+        while process.alive:
+            self.kernel.wait((process.exited,))
 
     @property
     def now(self) -> float:

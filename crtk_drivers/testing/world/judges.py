@@ -1,0 +1,258 @@
+"""The promises of every driver, judged by the simulator's own truth: one class for each.
+
+A judge looks every 2 ms while nothing else runs. It returns what is wrong, in words. Every bound comes from
+what the device declares; what a judge adds for its own looks is a constant here.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import ClassVar, Final
+
+from typing_extensions import override
+
+from crtk_drivers.engine.threads import STALL_LIMIT, WATCHDOG_PERIOD
+from crtk_drivers.samples import JointState
+from crtk_drivers.testing.world.kernel import NS, Task
+from crtk_drivers.testing.world.subject import PERIOD, Scene
+
+_LOOKS: Final = 0.2
+"""s that it may take until a change shows: a speed is measured over 20 ms, and cycles take time."""
+_SETTLED: Final = 0.7
+"""s after a process stood still in which samples are old for good reason."""
+_HELD: Final = NS // 5
+"""ns in which a thread that stood still counts as disturbed."""
+
+
+class Judge(ABC):
+    """Looks after one promise.
+
+    Attributes:
+        kind: of the finding.
+        promise: in words.
+    """
+
+    kind: ClassVar[str]
+    promise: ClassVar[str]
+    outlives: ClassVar[bool] = False
+    """Whether it still looks when the driver's process is gone."""
+
+    @abstractmethod
+    def look(self, scene: Scene) -> str | None:
+        """Return what is wrong, if anything is."""
+
+
+class Unasked(Judge):
+    """Before anyone has enabled the device."""
+
+    kind = "moves unasked"
+    promise = "Nothing moves because of a connection or a start."
+
+    def __init__(self) -> None:
+        self._is_asked = False
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        engine = scene.engine
+        self._is_asked = self._is_asked or (
+            engine is not None and (engine.status.state == "ENABLED" or not engine.transition_ended)
+        )
+        if not self._is_asked and scene.is_moving:
+            return f"it moves with {scene.speed:.3g}, and nobody has enabled it"
+        return None
+
+
+class Rests(Judge):
+    """Once the device is not ENABLED any more."""
+
+    kind = "moves when not enabled"
+    promise = "A device that is not ENABLED stands within its declared time."
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        engine = scene.engine
+        if engine is None or scene.closed is not None or not scene.is_moving:
+            return None
+        stop, since = engine.capabilities.stop, max(scene.enabled, scene.disturbed)
+        allowed = stop.time + stop.link_timeout + _LOOKS
+        if scene.now <= since + allowed:
+            return None
+        status = engine.status
+        return (
+            f"it moves with {scene.speed:.3g}, and is {status.state} ({status.cause}) for "
+            f"{scene.now - scene.enabled:.3f} s; {allowed:.3f} s are declared"
+        )
+
+
+class AfterDeath(Judge):
+    """Once the driver's process is gone."""
+
+    kind = "moves after its driver died"
+    outlives = True
+    promise = "A driver that dies leaves no motion behind, after the declared time."
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        engine = scene.engine
+        if engine is None or scene.died is None or not scene.is_moving:
+            return None
+        stop = engine.capabilities.stop
+        allowed = stop.time + stop.link_timeout + _LOOKS
+        if scene.now <= max(scene.died, scene.disturbed) + allowed:
+            return None
+        return (
+            f"it moves with {scene.speed:.3g}, {scene.now - scene.died:.3f} s after its driver died; "
+            f"{allowed:.3f} s are declared"
+        )
+
+
+class AfterClose(Judge):
+    """Once `close` has returned."""
+
+    kind = "moves after close"
+    promise = "A driver that was closed without a complaint leaves the device standing."
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        if scene.closed is None or scene.now < scene.closed + 0.05 or not scene.is_moving:
+            return None
+        return f"it moves with {scene.speed:.3g}, {scene.now - scene.closed:.3f} s after close"
+
+
+class StopBelieved(Judge):
+    """From the time that a stop was asked for."""
+
+    kind = "a stop is believed too early"
+    promise = "A stop counts only once the device has come to stand."
+
+    def __init__(self) -> None:
+        self._was_confirmed = self._stood = True
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        if scene.engine is None:
+            return None
+        confirmed = scene.engine._stopping.confirmed  # noqa: SLF001 - a judge looks where nobody else may
+        if self._was_confirmed and not confirmed:
+            scene.moves_again, self._stood = False, False
+        self._stood = self._stood or scene.stands_now
+        is_believed = confirmed and not self._was_confirmed and not scene.moves_again
+        self._was_confirmed = confirmed
+        if is_believed and not self._stood:
+            return f"a stop is believed, and it has not stood since: {scene.recent(12)}"
+        return None
+
+
+class Fresh(Judge):
+    """While the device is ENABLED."""
+
+    kind = "enabled with an old sample"
+    promise = "A device whose samples have stopped coming is in FAULT within its declared time."
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        engine = scene.engine
+        if engine is None or engine.status.state != "ENABLED" or _is_disturbed(scene):
+            return None
+        age = engine._feedback.sample_age(scene.now)  # noqa: SLF001
+        if age <= engine.options.sample_timeout + _LOOKS + 0.05:
+            return None
+        return (
+            f"ENABLED with a sample of {age:.3f} s; {engine.options.sample_timeout:g} s are allowed"
+        )
+
+
+class Stamped(Judge):
+    """Whenever a position is published as valid."""
+
+    kind = "a stamp is wrong"
+    promise = "A position was where its stamp says it was; stale data is never stamped fresh."
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        engine = scene.engine
+        found = None if engine is None or _is_disturbed(scene) else engine.feedback("measured_js")
+        if found is None:
+            return None
+        value, stamp = found
+        if not (
+            isinstance(value, JointState) and stamp.wall_ns and scene.now - stamp.monotonic < 0.1
+        ):
+            return None
+        position, at = value.position.tolist(), stamp.monotonic
+        if not all(map(math.isfinite, position)):
+            return f"measured_js is {position}, and published as valid"
+        begin, end = at - scene.subject.early - PERIOD, min(scene.now, at + scene.subject.late)
+        if scene.was_at(position, begin, end, scene.subject.error):
+            return None
+        return (
+            f"measured_js is {position}, stamped {scene.now - at:.4f} s ago, and was not there then; "
+            f"{scene.recent(12)}"
+        )
+
+
+class Stuck(Judge):
+    """While an I/O thread stands still."""
+
+    kind = "a stuck thread is no fault"
+    promise = (
+        "An I/O thread that is stuck puts the device in FAULT within one period of the watchdog."
+    )
+
+    def __init__(self) -> None:
+        self._since: dict[tuple[int, int], float] = {}
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        engine, kernel = scene.engine, scene.world.kernel
+        if engine is None or any(
+            _was_frozen(task, kernel.now) for task in _named(scene, "watchdog")
+        ):
+            return None
+        allowed = STALL_LIMIT + 2.0 / engine.capabilities.rate + 2.0 * WATCHDOG_PERIOD + 0.05
+        for task in _named(scene, "io "):
+            if task.frozen_until <= kernel.now or task.ended:
+                continue
+            since = self._since.setdefault((task.number, task.frozen_until), scene.now)
+            is_late = scene.now > max(since, scene.disturbed) + allowed
+            if is_late and engine.connected and engine.status.state != "FAULT":
+                return f"{task} stands still for {scene.now - since:.3f} s, and it is {engine.status.state}"
+        return None
+
+
+def _named(scene: Scene, begin: str) -> list[Task]:
+    return [task for task in scene.world.kernel.tasks if task.name.startswith(begin)]
+
+
+def _was_frozen(task: Task, now: int) -> bool:
+    return task.frozen_until > now - _HELD
+
+
+def _is_disturbed(scene: Scene) -> bool:
+    """Return whether a process or an I/O thread stood still a moment ago."""
+    now = scene.world.kernel.now
+    return scene.now < scene.disturbed + _SETTLED or any(
+        _was_frozen(task, now) for task in _named(scene, "io ")
+    )
+
+
+JUDGES: Final = (Unasked, Rests, AfterDeath, AfterClose, StopBelieved, Fresh, Stamped, Stuck)
+"""All of them."""
+
+
+def judge(scene: Scene) -> None:
+    """Let all judges look at a scene from now on."""
+    judges = [each() for each in JUDGES]
+    find = scene.world.find
+
+    def look() -> None:
+        scene.look()
+        for each in judges:
+            if scene.died is not None and not each.outlives:
+                continue
+            if text := each.look(scene):
+                find(each.kind, text)
+                return
+
+    scene.world.every(PERIOD, look)

@@ -1,0 +1,180 @@
+"""A device under test: its driver, its simulator, and where its joints really are."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from crtk_drivers import plugins
+from crtk_drivers.engine import Engine
+from crtk_drivers.front import LocalDevice, connect
+from crtk_drivers.session import start_sim_of
+from crtk_drivers.testing.world.kernel import NS
+from crtk_drivers.testing.world.world import World
+
+PERIOD: Final = 0.002
+"""s between two looks at the joints."""
+_SPEED_OVER: Final = 10
+"""Looks over which a speed is measured."""
+_REMEMBERED: Final = 2000
+_UNDISTURBED: Final = 0.05
+"""s after which a process that stood still has caught up."""
+_PATIENCE: Final = 20.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """A device, and what is true of it in its simulator.
+
+    Attributes:
+        device: name of the driver's plugin.
+        truth: returns where the joints are, in rad (m), from the simulator's server object.
+        config: of the driver.
+        sim_options: of the simulator, over those that suit the configuration.
+        still: rad/s (m/s) below which a joint stands.
+        arrival: rad (m) within which a move has reached its goal.
+        error: rad (m) by which a measured position may be off, its resolution and noise.
+        early: s before its stamp at which a position may have been measured, by the device's documentation.
+        late: s after its stamp at which it may have been.
+        step: rad (m) of the longest move.
+        velocity: rad/s (m/s) of the fastest stream.
+    """
+
+    device: str
+    truth: Callable[[Any], Sequence[float]]
+    config: Mapping[str, Any] = field(default_factory=dict)
+    sim_options: Mapping[str, Any] = field(default_factory=dict)
+    still: float
+    arrival: float
+    error: float
+    early: float = 0.006
+    late: float = math.inf
+    step: float
+    velocity: float
+
+
+class Scene:
+    """A subject in a world: the simulator runs, and its joints are looked at all the time.
+
+    Args:
+        world: in which it is.
+        subject: that is tested.
+
+    Attributes:
+        arm: the driver, once it is connected.
+        closing: when the driver began to be closed (s); None before.
+        closed: when it was closed without a complaint; None before.
+        died: when its process was killed; None before.
+        enabled: when it was ENABLED last.
+        disturbed: when a process stood still last.
+        moves_again: whether a motion was begun on purpose since the last stop.
+    """
+
+    def __init__(self, world: World, subject: Subject) -> None:
+        self.world = world
+        self.subject = subject
+        plugin = plugins.device(subject.device)
+        config = plugin.load_config(None, dict(subject.config))
+        self.sim = start_sim_of(plugin, config, subject.sim_options)
+        assert plugin.sim is not None
+        simulator: Any = plugins.simulator(plugin.sim)
+        self._server = simulator.serving[-1]
+        self._pointed = plugin.sim_config(config, self.sim).model_dump(exclude_unset=True)
+        self.arm: LocalDevice | None = None
+        self.closing: float | None = None
+        self.closed: float | None = None
+        self.died: float | None = None
+        self.enabled = self.disturbed = world.now
+        self.moves_again = False
+        self._looks: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_REMEMBERED)
+        self.look()
+
+    def connect(self) -> LocalDevice:
+        """Connect the driver."""
+        arm = connect(self.subject.device, config=self._pointed, timeout=_PATIENCE)
+        stopping = arm.engine._stopping  # noqa: SLF001 - a judge looks where nobody else may
+        plain = stopping.moves_again
+
+        def moves_again() -> None:
+            self.moves_again = True
+            plain()
+
+        stopping.moves_again = moves_again  # type: ignore[method-assign]
+        self.arm = arm
+        return arm
+
+    @property
+    def engine(self) -> Engine | None:
+        """Of the driver, once it is connected."""
+        return None if self.arm is None else self.arm.engine
+
+    @property
+    def now(self) -> float:
+        """Monotonic clock, s."""
+        return self.world.now
+
+    # The truth
+
+    def look(self) -> None:
+        """Look where the joints are, who is enabled, and who stands still."""
+        now, kernel = self.now, self.world.kernel
+        if self.sim.running:
+            self._looks.append((now, tuple(self.subject.truth(self._server))))
+        if any(
+            p.frozen_until >= kernel.now - _UNDISTURBED * NS for p in kernel.processes if p.alive
+        ):
+            self.disturbed = now
+        if self.engine is not None and self.engine.status.state == "ENABLED":
+            self.enabled = now
+
+    @property
+    def joints(self) -> tuple[float, ...]:
+        """Where they are, in rad (m)."""
+        return self._looks[-1][1]
+
+    @property
+    def speed(self) -> float:
+        """Of the fastest joint over the last 20 ms, in rad/s (m/s)."""
+        at, last = self._looks[-1]
+        begin, before = self._looks[max(0, len(self._looks) - 1 - _SPEED_OVER)]
+        return _distance(last, before) / (at - begin) if at > begin else 0.0
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a joint moves, over the last 20 ms."""
+        return self.speed > self.subject.still
+
+    @property
+    def stands_now(self) -> bool:
+        """Whether no joint has moved between the last two looks."""
+        if len(self._looks) < 2:
+            return True
+        (_, before), (_, last) = self._looks[-2], self._looks[-1]
+        return _distance(last, before) <= PERIOD * self.subject.still
+
+    def was_at(self, joints: Sequence[float], begin: float, end: float, within: float) -> bool:
+        """Return whether the joints were somewhere between two times (s), or passed it between two looks.
+
+        It is also true where nobody looked.
+        """
+        near = [found for at, found in self._looks if begin <= at <= end]
+        return not near or all(
+            min(track) - within <= value <= max(track) + within
+            for value, track in zip(joints, zip(*near, strict=True), strict=True)
+        )
+
+    def recent(self, count: int) -> str:
+        """Return the last positions of the joint that has moved most, for people."""
+        last = [joints for _, joints in self._looks][-count:]
+        spans = [max(track) - min(track) for track in zip(*last, strict=True)]
+        joint = spans.index(max(spans))
+        return f"joint {joint}, every {1000 * PERIOD:g} ms: " + " ".join(
+            f"{q[joint]:.5f}" for q in last
+        )
+
+
+def _distance(one: Sequence[float], other: Sequence[float]) -> float:
+    return max((abs(a - b) for a, b in zip(one, other, strict=True)), default=0.0)

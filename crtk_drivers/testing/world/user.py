@@ -1,0 +1,281 @@
+"""What a user does with a device, at random: streams, moves, state commands, a second client, the end.
+
+Each of the three scenarios takes a world and a subject. Wrap one into a function of the world alone, at the
+top level of a file, and it can be run with any seed.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from crtk_drivers.errors import CommandRefused, CrtkError, DeviceError
+from crtk_drivers.front import LocalDevice
+from crtk_drivers.samples import Vector
+from crtk_drivers.state import OperatingState, StateCommand
+from crtk_drivers.testing.world.judges import judge
+from crtk_drivers.testing.world.subject import Scene, Subject
+from crtk_drivers.testing.world.world import World
+
+MOMENT: Final = 0.01
+"""s around something important within which a fault may come."""
+_CYCLE: Final = 0.008
+_PATIENCE: Final = 10.0
+_SEEN: Final = 0.1
+"""s for which a goal counts as reached: the arm may have been held up or moved on since."""
+_AFTERWARDS: Final = 0.5
+_AFTER_DEATH: Final = 4.0
+
+
+def use(world: World, subject: Subject, *, operations: int = 25, faults: int = 10) -> None:
+    """Use a device in any way for some seconds, and close it.
+
+    Args:
+        world, subject: where and what.
+        operations: how many things the user does.
+        faults: how many come meanwhile, at most, in a wild world.
+    """
+
+    def work(scene: Scene) -> None:
+        if world.wild:
+            world.troubles.storm(0.05, 0.25 * operations, faults)
+        User(scene).work(operations)
+        _close(scene)
+
+    _play(world, subject, work)
+
+
+def farewell(world: World, subject: Subject) -> None:
+    """Let a fault and `close` come within milliseconds of each other, in a move."""
+
+    def work(scene: Scene) -> None:
+        user = User(scene)
+        user.until_enabled()
+        if world.wild:
+            world.troubles.around(0.2, chance=1.0)
+        user.pause(0.1)
+        user.attempt("move", lambda: user.move(waits=False))
+        user.pause(world.random.choice((0.03, 0.1, 0.8)))
+        _close(scene)
+
+    _play(world, subject, work)
+
+
+def die(world: World, subject: Subject) -> None:
+    """Kill the driver's process while it works, or let its machine vanish; then only the device can stop."""
+    silently = world.random.random() < 0.5
+
+    def work(scene: Scene) -> None:
+        driver = world.kernel.process
+
+        def kill() -> None:
+            scene.died = scene.now
+            world.say("the driver's machine vanishes" if silently else "the driver is killed")
+            world.kernel.end_process(driver, -9, silently=silently)
+
+        world.kernel.after(0.2 + 2.0 * world.random.random(), kill)
+        User(scene).work(1000)
+
+    _play(world, subject, work)
+    time.sleep(_AFTER_DEATH)
+
+
+def _play(world: World, subject: Subject, work: Callable[[Scene], None]) -> None:
+    """Start the simulator, and let a driver in a process of its own be worked with, under judges."""
+    scene = Scene(world, subject)
+    judge(scene)
+
+    def drive() -> None:
+        try:
+            scene.connect()
+        except CrtkError as error:
+            world.say(f"no connection: {error}")
+        else:
+            work(scene)
+
+    world.join(world.start("driver", drive))
+
+
+def _close(scene: Scene) -> None:
+    """Close the driver, and go on looking for a while."""
+    world = scene.world
+    assert scene.arm is not None
+    world.say(f"close, {scene.arm.operating_state().state}")
+    if world.wild:
+        world.troubles.around(MOMENT)
+    scene.closing = scene.now
+    try:
+        scene.arm.close()
+    except DeviceError as error:
+        world.say(f"closed with {type(error).__name__}: {error}")
+    else:
+        scene.closed = scene.now
+        world.say("closed")
+    time.sleep(_AFTERWARDS)
+
+
+class User:
+    """A user of a device, who chooses by the world's generator.
+
+    Args:
+        scene: with the driver connected.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        assert scene.arm is not None
+        self._scene = scene
+        self._arm: LocalDevice = scene.arm
+        self._random = scene.world.random
+        capabilities = self._arm.engine.capabilities
+        self._lower = np.array([limit.lower for limit in capabilities.limits])
+        self._upper = np.array([limit.upper for limit in capabilities.limits])
+        offered = self._arm.crtk_commands
+        self._actions: dict[str, Callable[[], None]] = {
+            "hold": self._hold,
+            "pause": lambda: self._state(StateCommand.PAUSE),
+            "disable": lambda: self._state(StateCommand.DISABLE),
+            "rest": lambda: self.pause(0.6),
+            "second client": self._second_client,
+        }
+        moving: dict[str, tuple[str, Callable[[], None]]] = {
+            "move": ("move_jp", lambda: self.move(waits=True)),
+            "move on": ("move_jp", lambda: self.move(waits=False)),
+            "servo_jp": ("servo_jp", self._servo_positions),
+            "servo_jv": ("servo_jv", self._servo_velocities),
+        }
+        for name, (command, action) in moving.items():
+            if command in offered:
+                self._actions[name] = action
+
+    def work(self, operations: int) -> None:
+        """Do so many things."""
+        names = tuple(self._actions)
+        for _ in range(operations):
+            name = self._random.choice(names)
+            self.attempt("enable", self.until_enabled)
+            self.attempt(name, self._actions[name])
+
+    def attempt(self, name: str, action: Callable[[], None]) -> None:
+        """Do something that may be refused, with a reason."""
+        world = self._scene.world
+        if name != "enable":
+            world.say(f"{name}, {self._arm.operating_state().state}")
+        try:
+            action()
+        except CrtkError as error:
+            world.say(f"  {type(error).__name__}: {error}")
+            if not str(error) or (isinstance(error, CommandRefused) and not error.detail):
+                world.find("refused without a reason", repr(error))
+            self.pause(0.3)
+
+    def pause(self, most: float) -> None:
+        """Do nothing for a while."""
+        time.sleep(self._random.random() * most)
+
+    def until_enabled(self) -> None:
+        """Enable the device, whatever its state."""
+        arm = self._arm
+        if arm.is_enabled():
+            return
+        arm.wait_for_status(lambda status: status.state != OperatingState.FAULT, 0.5)
+        if arm.operating_state().state == OperatingState.PAUSED:
+            arm.state_command(
+                self._random.choice((StateCommand.RESUME, StateCommand.DISABLE)), _PATIENCE
+            )
+        if not arm.is_enabled():
+            arm.enable(timeout=_PATIENCE)
+
+    def _measured(self) -> Vector:
+        found: Vector = self._arm.measured_js().position
+        return found
+
+    def _goal(self) -> Vector:
+        step = self._scene.subject.step
+        wanted = self._measured() + step * (2.0 * self._random.random() - 1.0)
+        margin = np.minimum(0.05 * (self._upper - self._lower), step)
+        return np.clip(wanted, self._lower + margin, self._upper - margin)
+
+    def move(self, *, waits: bool) -> None:
+        """Move, and wait until it is there, or not."""
+        scene, goal = self._scene, self._goal()
+        move = self._arm.move_jp(goal)
+        self.pause(0.3)
+        if not waits:
+            return
+        if not move.wait(_PATIENCE):
+            if str(move.outcome) != "running":
+                scene.world.find(
+                    "wait contradicts the outcome", f"wait() returns False; {move.outcome}"
+                )
+            return
+        if not scene.was_at(goal.tolist(), scene.now - _SEEN, scene.now, scene.subject.arrival):
+            scene.world.find(
+                "reached too early",
+                f"a move to {goal} is reached, and the joints are at {scene.joints}",
+            )
+
+    def _servo_positions(self) -> None:
+        arm, speed = self._arm, self._scene.subject.velocity * (2.0 * self._random.random() - 1.0)
+        start = arm.setpoint_jp(age=0)
+        if not start.size:  # what was set last is a velocity
+            start = self._measured()
+        for count in range(self._random.randrange(5, 40)):
+            wanted = start + speed * _CYCLE * count * min(1.0, count / 10.0)
+            arm.servo_jp(np.clip(wanted, self._lower, self._upper))
+            time.sleep(_CYCLE)
+
+    def _servo_velocities(self) -> None:
+        speed = self._scene.subject.velocity * (2.0 * self._random.random() - 1.0)
+        wanted = np.full(self._lower.size, speed)
+        for _ in range(self._random.randrange(5, 60)):
+            self._arm.servo_jv(wanted)
+            time.sleep(_CYCLE)
+
+    def _hold(self) -> None:
+        self._never_refused("hold", self._arm.hold)
+        self.pause(0.1)
+
+    def _state(self, command: StateCommand) -> None:
+        timeout = self._random.choice((0.0, _PATIENCE))
+        send = partial(self._arm.state_command, command, timeout)
+        if command is StateCommand.DISABLE:
+            self._never_refused(command, send)
+        else:
+            send()
+        self.pause(0.05)
+
+    def _never_refused(self, name: str, send: Callable[[], None]) -> None:
+        """Send something that stops, with a fault around it in a wild world; it is never refused."""
+        world, engine = self._scene.world, self._arm.engine
+        if world.wild:
+            world.troubles.around(MOMENT)
+        was_connected = engine.connected
+        try:
+            send()
+        except CommandRefused as refusal:
+            if was_connected and engine.connected:
+                world.find("a stop is refused", f"{name}: {refusal}")
+            raise
+
+    def _second_client(self) -> None:
+        """Let another thread stop the device in the middle of a move."""
+
+        def stop() -> None:
+            time.sleep(delay)
+            try:
+                self._arm.hold()
+            except CrtkError as error:
+                self._scene.world.say(f"  second client: {error}")
+
+        delay = 0.2 * self._random.random()
+        other = threading.Thread(target=stop, name="second client")
+        other.start()
+        try:
+            self.attempt("move", lambda: self.move(waits=True))
+        finally:
+            other.join()
