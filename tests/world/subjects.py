@@ -6,6 +6,7 @@ world, in patched Python, so it imports no pytest.
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 from crtk_drivers.testing.world.subject import Subject
@@ -25,12 +26,34 @@ def _dynamixel(server: Any) -> list[float]:
     return [servo.drive.angle for servo in server._servos[:6]]  # the seventh is that of a gripper
 
 
+def _canopen(server: Any) -> list[float]:
+    motors = [drive.axes[0].motor for drive in server._made.all]
+    return [math.tau * motor.revolutions / _GEAR for motor in motors]
+
+
+def _copley(server: Any) -> list[float]:
+    return [drive.axis.position / _COUNTS for drive in server._device.drives]
+
+
+def _galil(server: Any) -> list[float]:
+    return [axis.position / _COUNTS for axis in server._device.axes[:3]]
+
+
+def _jaw(server: Any) -> list[float]:
+    """Return the opening of a gripper that has nothing between its fingers."""
+    device = getattr(server._device, "_device", server._device)
+    return [getattr(device, "gripper", device).jaw.opening]
+
+
+_GEAR: Final = 100.0
+_COUNTS: Final = 100_000 / math.tau
+"""Of a joint, in one rad: as the drivers' own typical joints have it."""
+
 SUBJECTS: Final = {
     "robotiq": Subject(
         device="robotiq",
         config={"link": "modbus"},
         truth=_robotiq,
-        still=0.004,
         arrival=0.004,
         error=0.001,
         step=0.03,
@@ -40,8 +63,6 @@ SUBJECTS: Final = {
         device="ur",
         config={"control": "native"},
         truth=_ur,
-        still=0.03,
-        arrival=0.01,
         error=0.01,
         early=0.13,
         late=0.06,
@@ -51,11 +72,60 @@ SUBJECTS: Final = {
     "dynamixel": Subject(
         device="dynamixel",
         truth=_dynamixel,
-        still=0.15,
-        arrival=0.05,
         error=0.01,
         early=0.03,
         step=0.15,
         velocity=0.3,
+    ),
+    "canopen": Subject(
+        device="canopen",
+        truth=_canopen,
+        error=0.002,
+        early=0.02,
+        step=0.15,
+        velocity=0.3,
+    ),
+    "copley": Subject(
+        device="copley",
+        truth=_copley,
+        error=0.002,
+        early=0.05,
+        step=0.15,
+        velocity=0.3,
+    ),
+    "galil": Subject(
+        device="galil",
+        truth=_galil,
+        error=0.002,
+        early=0.02,
+        step=0.15,
+        velocity=0.3,
+    ),
+    "onrobot": Subject(
+        device="onrobot",
+        truth=_jaw,
+        arrival=0.002,
+        error=0.001,
+        early=0.05,
+        step=0.03,
+        velocity=0.03,
+    ),
+    "weiss-wsg": Subject(
+        device="weiss-wsg",
+        truth=_jaw,
+        arrival=0.002,
+        error=0.001,
+        early=0.05,
+        step=0.03,
+        velocity=0.03,
+    ),
+    "schunk": Subject(
+        device="schunk",
+        truth=_jaw,
+        arrival=0.002,
+        error=0.001,
+        early=0.05,
+        step=0.02,
+        velocity=0.02,
     ),
 }

@@ -11,6 +11,7 @@ from typing import Any, Final
 from crtk_drivers import plugins
 from crtk_drivers.engine import Engine
 from crtk_drivers.front import LocalDevice, connect
+from crtk_drivers.motion.stopping import still_speeds
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.testing.world.kernel import NS
 from crtk_drivers.testing.world.world import World
@@ -23,6 +24,10 @@ _REMEMBERED: Final = 2000
 _UNDISTURBED: Final = 0.05
 """s after which a process that stood still has caught up."""
 _PATIENCE: Final = 20.0
+_STILL: Final = 0.01
+"""rad/s (m/s) below which a joint stands, before the driver has said so."""
+_MARGIN: Final = 1.2
+"""How much faster a joint may really be than a driver measures that it stands."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +39,7 @@ class Subject:
         truth: returns where the joints are, in rad (m), from the simulator's server object.
         config: of the driver.
         sim_options: of the simulator, over those that suit the configuration.
-        still: rad/s (m/s) below which a joint stands.
-        arrival: rad (m) within which a move has reached its goal.
+        arrival: rad (m) within which a move has reached its goal; None: as the driver declares.
         error: rad (m) by which a measured position may be off, its resolution and noise.
         early: s before its stamp at which a position may have been measured, by the device's documentation.
         late: s after its stamp at which it may have been.
@@ -47,8 +51,7 @@ class Subject:
     truth: Callable[[Any], Sequence[float]]
     config: Mapping[str, Any] = field(default_factory=dict)
     sim_options: Mapping[str, Any] = field(default_factory=dict)
-    still: float
-    arrival: float
+    arrival: float | None = None
     error: float
     early: float = 0.006
     late: float = math.inf
@@ -70,6 +73,7 @@ class Scene:
         died: when its process was killed; None before.
         enabled: when it was ENABLED last.
         disturbed: when a process stood still last.
+        still: rad/s (m/s) below which a joint stands, by what the driver declares.
         moves_again: whether a motion was begun on purpose since the last stop.
     """
 
@@ -89,6 +93,7 @@ class Scene:
         self.died: float | None = None
         self.enabled = self.disturbed = world.now
         self.moves_again = False
+        self.still = _STILL
         self._looks: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_REMEMBERED)
         self.look()
 
@@ -103,8 +108,22 @@ class Scene:
             plain()
 
         stopping.moves_again = moves_again  # type: ignore[method-assign]
+        speeds = still_speeds(arm.engine.capabilities, arm.engine.device.velocity_steps)
+        self.still = _MARGIN * max(speeds, default=_STILL)
         self.arm = arm
         return arm
+
+    @property
+    def arrival(self) -> float:
+        """Within what a move has reached its goal, in rad (m)."""
+        if self.subject.arrival is not None:
+            return self.subject.arrival
+        following = None if self.engine is None else self.engine.capabilities.following
+        if following is None:
+            raise ValueError(
+                f"{self.subject.device}: it declares no arrival, so its subject gives one"
+            )
+        return max(following.arrival)
 
     @property
     def engine(self) -> Engine | None:
@@ -145,7 +164,7 @@ class Scene:
     @property
     def is_moving(self) -> bool:
         """Whether a joint moves, over the last 20 ms."""
-        return self.speed > self.subject.still
+        return self.speed > self.still
 
     @property
     def stands_now(self) -> bool:
@@ -153,7 +172,7 @@ class Scene:
         if len(self._looks) < 2:
             return True
         (_, before), (_, last) = self._looks[-2], self._looks[-1]
-        return _distance(last, before) <= PERIOD * self.subject.still
+        return _distance(last, before) <= PERIOD * self.still
 
     def was_at(self, joints: Sequence[float], begin: float, end: float, within: float) -> bool:
         """Return whether the joints were somewhere between two times (s), or passed it between two looks.

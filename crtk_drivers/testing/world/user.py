@@ -55,7 +55,7 @@ def farewell(world: World, subject: Subject) -> None:
 
     def work(scene: Scene) -> None:
         user = User(scene)
-        user.until_enabled()
+        user.attempt("enable", user.until_enabled)
         if world.wild:
             world.troubles.around(0.2, chance=1.0)
         user.pause(0.1)
@@ -213,7 +213,7 @@ class User:
                     "wait contradicts the outcome", f"wait() returns False; {move.outcome}"
                 )
             return
-        if not scene.was_at(goal.tolist(), scene.now - _SEEN, scene.now, scene.subject.arrival):
+        if not scene.was_at(goal.tolist(), scene.now - _SEEN, scene.now, scene.arrival):
             scene.world.find(
                 "reached too early",
                 f"a move to {goal} is reached, and the joints are at {scene.joints}",
