@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 
-__all__ = ["WINDOW", "Look", "too_young"]
+__all__ = ["WINDOW", "Look", "held_up", "too_young"]
 
 WINDOW: Final = 3.0
 """Seconds before a stamp in which it is looked for where joints have been."""
@@ -52,6 +53,18 @@ def too_young(looks: Sequence[Look], position: np.ndarray, stamp: float, toleran
         for joint, first in enumerate(inside.argmax(axis=0))
     )
     return max(0.0, stamp - latest)
+
+
+def held_up(looks: Sequence[Look], pause: float) -> float:
+    """Return the longest time (s) that the machine gave no time to whoever looks, in the last `WINDOW`.
+
+    Args:
+        looks: in order.
+        pause: seconds between two of them.
+    """
+    recent = looks[-_reach(looks, looks[-1].done) :] if looks else looks
+    gaps = [after.at - before.done for before, after in pairwise(recent)]
+    return max(0.0, max(gaps, default=0.0) - pause)
 
 
 def _reach(looks: Sequence[Look], stamp: float) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.reliability.stamps import Look, too_young
+from bench.reliability.stamps import Look, held_up, too_young
 
 VELOCITY = 0.5
 LOOKS = [Look(at, np.array([VELOCITY * at]), at) for at in np.arange(0.0, 5.0, 0.01)]
@@ -42,3 +42,17 @@ def test_the_joint_that_is_oldest_counts() -> None:
     looks = [Look(look.at, np.array([look.joints[0], 0.0]), look.done) for look in LOOKS]
     position = np.array([VELOCITY * (NOW - 0.2), 0.0])
     assert too_young(looks, position, NOW, 0.0) == pytest.approx(0.2, abs=1e-6)
+
+
+@pytest.mark.parametrize(("gap", "found"), [(0.01, 0.0), (0.05, 0.04)])
+def test_a_look_that_came_late_was_held_up(gap: float, found: float) -> None:
+    times = [*np.arange(0.0, 1.0, 0.01), 1.0 + gap - 0.01]
+    looks = [Look(at, np.zeros(1), at) for at in times]
+    assert held_up(looks, 0.01) == pytest.approx(found, abs=1e-6)
+
+
+def test_what_was_held_up_long_ago_counts_no_more() -> None:
+    times = [0.0, *np.arange(1.0, 6.0, 0.01)]
+    assert held_up([Look(at, np.zeros(1), at) for at in times], 0.01) == pytest.approx(
+        0.0, abs=1e-6
+    )
