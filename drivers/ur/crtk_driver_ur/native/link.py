@@ -174,7 +174,7 @@ class NativeLink(ControlLink):
         self._version = version
         self._program, self._reported = NO_PROGRAM, ProgramState()
         self._opened += 1
-        self._workers = {kind: kind(self._controller) for kind in set(_WORKERS.values())}
+        self._workers = {kind: kind(self._controller) for kind in dict.fromkeys(_WORKERS.values())}
         for worker in self._workers.values():
             worker.start()
 
