@@ -9,6 +9,7 @@ reads its request after the fork, so that every child begins with the same memor
 from __future__ import annotations
 
 import ctypes
+import gc
 import importlib
 import importlib.util
 import json
@@ -57,6 +58,9 @@ def main() -> None:
     while True:
         poll.poll()
         folder = tempfile.mkdtemp(prefix="crtk-world-")
+        # Every child begins with the same counts, and never looks through what is imported here.
+        gc.collect()
+        gc.freeze()
         child = _fork()
         if child == 0:
             _be_child(scenarios, answers, folder)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import _thread
 import hashlib
 import heapq
+import math
 import random
 import sys
 import time
@@ -31,8 +32,12 @@ DONE: Final = "done"
 """Why a world has ended in which nothing was found."""
 READ_COST: Final = 300
 """ns that a look at a clock takes: a loop that spins until a deadline comes to its end."""
-_SWITCH_COST: Final = (1_000, 15_000)
-"""ns that it takes until the next task runs, between these two."""
+_LEAST_SWITCH: Final = 1_000
+"""ns that it takes at least until the next task runs."""
+_SWITCH_SPREAD: Final = 14_000
+"""ns that it may take longer."""
+_PIECE: Final = 2000
+"""Bytes that are hashed at once: for more, hashlib lets go of the interpreter's lock, which is slow."""
 
 _allocate_gate, _start_thread, _real_monotonic, _real_cpu, _get_ident = (
     _thread.allocate_lock,
@@ -164,6 +169,7 @@ class Kernel:
         self.log: list[str] | None = None
         self.switches = 0
         self.real = self.cpu = 0.0
+        self._quiet = 0
         self._done = _allocate_gate()
         self._done.acquire()
 
@@ -202,10 +208,13 @@ class Kernel:
 
     def note(self, *what: object) -> None:
         """Add a line to the trace."""
-        line = repr((self.now, *what)).encode()
-        self._hash.update(line)
+        self._trace(f"{self.now} {what!r}\n".encode())
+
+    def _trace(self, line: bytes) -> None:
+        for begin in range(0, len(line), _PIECE):
+            self._hash.update(line[begin : begin + _PIECE])
         if self.log is not None:
-            self.log.append(line.decode())
+            self.log.append(line.decode().rstrip())
 
     @property
     def hash(self) -> str:
@@ -333,15 +342,29 @@ class Kernel:
 
     def preempt(self) -> None:
         """Let another task go on here, now and then."""
-        if self.current is None:
+        if self._quiet > 0:
+            self._quiet -= 1
             return
-        chance = self._random.random()
-        if chance < self.stall_share:
-            self.current.frozen_until = self.now + int(self._random.random() * 0.03 * NS)
-            self.at(self.current.frozen_until, _nothing)
-            self.give_way()
-        elif chance < self.stall_share + self.preempt_share:
-            self.give_way()
+        task = self.current
+        if task is None:
+            return
+        self._quiet = self._draw_quiet()
+        if self._random.random() * (self.stall_share + self.preempt_share) < self.stall_share:
+            task.frozen_until = self.now + int(self._random.random() * 0.03 * NS)
+            self.at(task.frozen_until, _nothing)
+        self.give_way()
+
+    def _draw_quiet(self) -> int:
+        """Return how many points of preemption pass before the next at which a task is held up.
+
+        One number is drawn for many points: there are far more of them than of anything else.
+        """
+        share = self.stall_share + self.preempt_share
+        if share <= 0.0:
+            return FOR_EVER
+        if share >= 1.0:
+            return 0
+        return int(math.log(1.0 - self._random.random()) / math.log(1.0 - share))
 
     def give_way(self) -> None:
         """Let another task go on; the current one stays ready."""
@@ -368,14 +391,15 @@ class Kernel:
         while not self.over:
             while self._timers and self._timers[0][0] <= self.now:
                 self._call(heapq.heappop(self._timers)[2])
-            able = [task for task in self._runnable if self._may_run(task)]
+            able = self._able()
             if able:
-                task = able[self._random.randrange(len(able))] if len(able) > 1 else able[0]
+                count = len(able)
+                task = able[int(self._random.random() * count)] if count > 1 else able[0]
                 self._runnable.remove(task)
                 task.ready = False
-                self.now += self._random.randrange(*_SWITCH_COST)
+                self.now += _LEAST_SWITCH + int(self._random.random() * _SWITCH_SPREAD)
                 self.switches += 1
-                self.note(task.number, len(able))
+                self._trace(b"%d %d %d\n" % (self.now, task.number, count))
                 return task
             if not self._timers:
                 self.find("all wait for ever", self.stacks())
@@ -394,11 +418,16 @@ class Kernel:
         finally:
             self.current = task
 
-    def _may_run(self, task: Task) -> bool:
-        process = task.process
-        return process.exit_code is None and (
-            max(task.frozen_until, process.frozen_until) <= self.now
-        )
+    def _able(self) -> list[Task]:
+        """Return the tasks that may run now. This is called at each switch, so it is written to be fast."""
+        now = self.now
+        return [
+            task
+            for task in self._runnable
+            if task.frozen_until <= now
+            and task.process.frozen_until <= now
+            and task.process.exit_code is None
+        ]
 
     # Faults
 
@@ -426,6 +455,7 @@ class Kernel:
             self.over = self.over or DONE
 
         process.main = self.start("main", first, process)
+        self._quiet = self._draw_quiet()
         real, cpu = _real_monotonic(), _real_cpu()
         self._hand_on(None)
         self._done.acquire()

@@ -352,9 +352,11 @@ class Endpoint(OpenFile):
             return None
         found = bytes(self._bytes[:most])
         if not peek:
+            sender = self.peer
+            is_awaited = sender is not None and sender._is_full()  # noqa: SLF001 - the other end
             del self._bytes[:most]
-            if self.peer is not None:
-                self.peer.changed()
+            if sender is not None and is_awaited:
+                sender.changed()
         return found
 
     def take_packet(self, *, peek: bool) -> tuple[bytes, list[int | OpenFile], Address] | None:

@@ -69,6 +69,7 @@ _SOCKETS: Final[dict[str, Any]] = {
     "close": sockets.close,
     "dup": sockets.dup,
     "getaddrinfo": sockets.getaddrinfo,
+    "gethostbyname": sockets.gethostbyname,
     "getdefaulttimeout": sockets.getdefaulttimeout,
     "setdefaulttimeout": sockets.setdefaulttimeout,
 }
@@ -77,8 +78,8 @@ _REFUSED: Final = {
         "fork forkpty posix_spawn posix_spawnp execv execve wait waitpid waitid pidfd_open splice sendfile "
         "timerfd_create"
     ),
-    "signal": "alarm setitimer set_wakeup_fd pthread_kill sigwait sigtimedwait pidfd_send_signal",
-    "_socket": "gethostbyname gethostbyname_ex gethostbyaddr getnameinfo",
+    "signal": "alarm setitimer pthread_kill sigwait sigtimedwait pidfd_send_signal",
+    "_socket": "gethostbyname_ex gethostbyaddr getnameinfo",
 }
 
 
@@ -200,9 +201,17 @@ def _put_processes() -> None:
     from crtk_drivers.testing.world import processes
 
     _put(subprocess, {"Popen": processes.Popen})
-    _put(signal, {"signal": processes.set_handler, "getsignal": processes.get_handler})
+    handlers = {"signal": processes.set_handler, "getsignal": processes.get_handler}
+    _put(signal, {**handlers, "set_wakeup_fd": _set_wakeup_fd})
     _put(os, {"kill": processes.kill, "_exit": processes.exit_now, "getpid": processes.getpid})
     _put(threading, {"main_thread": processes.main_thread})
+
+
+def _set_wakeup_fd(descriptor: int, **_: object) -> int:
+    """As `signal.set_wakeup_fd`, for those who want none: asyncio after each fork, from Python 3.12 on."""
+    if descriptor != -1:
+        raise NotSimulated("signal.set_wakeup_fd")
+    return -1
 
 
 def _ioctl(descriptor: int, request: int, argument: Any = 0, mutate: bool = True) -> Any:

@@ -362,3 +362,9 @@ def getaddrinfo(
         raise constants.gaierror(constants.EAI_NONAME, "Name or service not known") from error
     kinds = [type] if type else [constants.SOCK_STREAM, constants.SOCK_DGRAM]
     return [(constants.AF_INET, kind, proto, "", (text, int(port or 0))) for kind in kinds]
+
+
+def gethostbyname(host: str) -> str:
+    """As `_socket.gethostbyname`."""
+    address: str = getaddrinfo(host, None)[0][4][0]
+    return address
