@@ -57,6 +57,7 @@ COMPUTING = {
     "test_trials.py": 2.0,
     "unit": 0.03,
     "urscript": 0.05,
+    "world": 2.0,
 }
 """Folders and files whose tests need no process to be in time, with about how many seconds one takes."""
 
