@@ -1,4 +1,4 @@
-"""In an environment of any Python: every plugin loads, and simulated hardware is driven.
+"""In an environment of any Python: every plugin loads, and simulated hardware is driven, in a world too.
 
 Needs the extras `drivers` and `kinematics`. With `ros`, a node uses the messages that are there.
 """
@@ -11,6 +11,7 @@ import numpy as np
 import crtk_drivers
 from crtk_drivers import plugins
 from crtk_drivers.errors import MissingExtra
+from crtk_drivers.testing.world import run
 
 
 def load_all() -> None:
@@ -30,6 +31,21 @@ def move() -> None:
             assert np.allclose(arm.measured_js().position, goal, atol=0.01), device
     with crtk_drivers.connect("ati-netft", sim=True) as sensor:
         assert np.isfinite(sensor.measured_cf().force).all()
+
+
+def close_gripper(_: object) -> None:
+    """Let a gripper move: the scenario of a simulated machine, which imports this file."""
+    with crtk_drivers.connect("robotiq", sim=True, config={"link": "modbus"}) as gripper:
+        gripper.enable()
+        gripper.move_jp(gripper.setpoint_js().position + 0.01).wait()
+
+
+def run_world() -> None:
+    """Run a gripper and its simulator on a simulated machine: one seed gives one run."""
+    outcomes = [run(close_gripper, 1) for _ in range(2)]
+    for outcome in outcomes:
+        outcome.check()
+    assert outcomes[0].hash == outcomes[1].hash
 
 
 def ask_for_ur_rtde() -> str:
@@ -75,6 +91,7 @@ def import_ros() -> str:
 if __name__ == "__main__":
     load_all()
     move()
+    run_world()
     print(
         f"Python {platform.python_version()}: plugins load, simulators are driven; "
         f"ur-rtde {ask_for_ur_rtde()}; ROS 2 {import_ros()}"
