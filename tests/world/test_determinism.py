@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,11 +23,8 @@ def host() -> Iterator[Host]:
 
 @pytest.fixture(scope="module")
 def other_host() -> Iterator[Host]:
-    """A host with other addresses: its environment is larger, and other worlds have run in it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(os.environ, "CRTK_WORLD_FILLER", "filler" * 3001)
-        found = Host(FILE)
-    with found:
+    """A host with random addresses, in which another world has run."""
+    with Host(FILE, fixed=False) as found:
         found.run("visits.inputs", 7)
         yield found
 

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
+from crtk_drivers.testing.world.host import AGAIN
 from crtk_drivers.testing.world.outcome import Outcome
 
 PATIENCE: Final = 180.0
@@ -31,11 +32,14 @@ class Host:
     Args:
         file: that has the scenarios at its top level.
         preload: modules that it imports first.
+        fixed: whether addresses are the same in each process; sets of objects are in their order.
     """
 
-    def __init__(self, file: Path, preload: Sequence[str] = ()) -> None:
+    def __init__(self, file: Path, preload: Sequence[str] = (), *, fixed: bool = True) -> None:
         self._file = file
         command = [sys.executable, "-m", "crtk_drivers.testing.world.host", str(file), *preload]
+        if not fixed:
+            command.append(AGAIN)
         path = os.pathsep.join(each for each in sys.path if each)
         self._process = subprocess.Popen(
             command,
