@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import os
 import select
-from collections.abc import Callable
+import stat
+import struct
+import termios
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final, Never
 
 from typing_extensions import Buffer, override
@@ -17,14 +21,19 @@ READ: Final = select.POLLIN
 WRITE: Final = select.POLLOUT
 ERROR: Final = select.POLLERR
 HANG_UP: Final = select.POLLHUP
+PEER_ENDED: Final = select.POLLRDHUP
 
 FIRST: Final = 512
 """Descriptors of a world begin here; those below are real files."""
 LAST: Final = 1023
 """The last one that `select` takes."""
 _PIPE_ROOM: Final = 65_536
+_PIPE_PIECE: Final = 4096
+"""Bytes that are written as a whole (PIPE_BUF); a pipe with less room counts as full."""
+_MOST_COUNTED: Final = 2**64 - 2
 
 _real_poll: Final = select.poll
+_dup, _read, _write, _close = os.dup, os.read, os.write, os.close
 
 
 def fail(code: int) -> Never:
@@ -38,7 +47,12 @@ class OpenFile:
     Attributes:
         blocking: whether reading and writing wait.
         waiters: tasks that wait for it, by `select` or in a call.
+        access: O_RDONLY, O_WRONLY or O_RDWR.
+        mode: as `os.fstat` has it, S_IFIFO for instance.
     """
+
+    access = os.O_RDWR
+    mode = 0
 
     def __init__(self) -> None:
         self.blocking = True
@@ -81,10 +95,15 @@ class OpenFile:
         """
         kernel = here()
         end = kernel.deadline(timeout)
-        while not self.events() & (events | ERROR | HANG_UP):
-            if end is not None and kernel.now >= end:
-                raise TimeoutError("timed out")
-            kernel.wait((self.waiters,), end)
+        with held((self,)):
+            while not self.events() & (events | ERROR | HANG_UP):
+                if end is not None and kernel.now >= end:
+                    raise TimeoutError("timed out")
+                kernel.wait((self.waiters,), end)
+
+    def unread(self) -> int:
+        """Return how many bytes can be read."""
+        raise NotSimulated(f"FIONREAD of a {type(self).__name__}")
 
     def read(self, most: int) -> bytes:
         """As `os.read`."""
@@ -96,6 +115,8 @@ class OpenFile:
 
     def control(self, request: int, argument: Any) -> Any:
         """As `fcntl.ioctl`."""
+        if request == termios.FIONREAD:
+            return struct.pack("i", self.unread())
         raise NotSimulated(f"ioctl {request:#x} of a {type(self).__name__}")
 
 
@@ -113,13 +134,33 @@ def add(file: OpenFile) -> int:
     return number
 
 
+@contextlib.contextmanager
+def held(files: Iterable[OpenFile]) -> Iterator[None]:
+    """Keep files open while a system call waits for them, though another thread may close the descriptors.
+
+    They are in the table of the process below 0, where nobody finds them, and end with it.
+    """
+    table = here().process.files
+    numbers = []
+    for file in files:
+        number = min(0, *table) - 1 if table else -1
+        table[number] = file
+        file.hold()
+        numbers.append(number)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            table.pop(number).drop()
+
+
 def find(descriptor: int) -> OpenFile:
     """Return the file of a descriptor of this process.
 
     Raises:
         OSError: it has none (EBADF).
     """
-    found = here().process.files.get(descriptor)
+    found = here().process.files.get(descriptor) if descriptor >= 0 else None
     if not isinstance(found, OpenFile):
         fail(errno.EBADF)
     return found
@@ -132,22 +173,52 @@ def close(descriptor: int) -> None:
     found.drop()
 
 
+def dup2(descriptor: int, other: int, _inheritable: bool = True) -> int:
+    """As `os.dup2`, of a descriptor of a world."""
+    found = find(descriptor)
+    if other != descriptor:
+        found.hold()
+        before = here().process.files.get(other)
+        here().process.files[other] = found
+        if before is not None:
+            before.drop()
+    return other
+
+
 def is_ours(descriptor: object) -> bool:
     """Return whether a descriptor is one of a world."""
-    return (
-        running.kernel is not None and isinstance(descriptor, int) and FIRST <= descriptor <= LAST
+    if running.kernel is None or not isinstance(descriptor, int):
+        return False
+    return FIRST <= descriptor <= LAST or (
+        descriptor >= 0 and descriptor in running.kernel.process.files
     )
 
 
 def number_of(file: Any) -> int:
-    """Return the descriptor of something that has one."""
-    return file if isinstance(file, int) else int(file.fileno())
+    """Return the descriptor of something that has one.
+
+    Raises:
+        TypeError: it has none.
+        ValueError: it is closed.
+    """
+    if not isinstance(file, int):
+        if not hasattr(file, "fileno"):
+            raise TypeError("argument must be an int, or have a fileno() method.")
+        file = file.fileno()
+    if file < 0:
+        raise ValueError(f"file descriptor cannot be a negative integer ({file})")
+    return int(file)
+
+
+def status(descriptor: int) -> os.stat_result:
+    """As `os.fstat`, of what is no terminal."""
+    return os.stat_result((find(descriptor).mode | 0o600, 0, 0, 1, 0, 0, 0, 0, 0, 0))
 
 
 # Real files among those that are waited for: by some, the system tells what programs of a world have done
 
 
-class _RealFile(OpenFile):
+class RealFile(OpenFile):
     """A real descriptor that can be waited for, as inotify's."""
 
     def __init__(self, descriptor: int) -> None:
@@ -161,7 +232,31 @@ class _RealFile(OpenFile):
         return next((events for _, events in self._poll.poll(0)), 0)
 
 
-_real_files: dict[int, _RealFile] = {}
+class RealOutput(OpenFile):
+    """A real file that a child has in place of its input or output, as a log or the null device."""
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__()
+        self._real = _dup(descriptor)
+
+    @override
+    def events(self) -> int:
+        return READ | WRITE
+
+    @override
+    def read(self, most: int) -> bytes:
+        return _read(self._real, most)
+
+    @override
+    def write(self, data: Buffer) -> int:
+        return _write(self._real, data)
+
+    @override
+    def released(self) -> None:
+        _close(self._real)
+
+
+_real_files: dict[int, RealFile] = {}
 
 
 def find_any(descriptor: int) -> OpenFile:
@@ -170,10 +265,10 @@ def find_any(descriptor: int) -> OpenFile:
     Raises:
         OSError: there is none (EBADF).
     """
-    if not 0 <= descriptor < FIRST:
+    if is_ours(descriptor):
         return find(descriptor)
     if descriptor not in _real_files:
-        _real_files[descriptor] = _RealFile(descriptor)
+        _real_files[descriptor] = RealFile(descriptor)
     return _real_files[descriptor]
 
 
@@ -193,16 +288,28 @@ def forget_real(descriptor: int) -> None:
 
 
 class _PipeEnd(OpenFile):
-    def __init__(self) -> None:
+    mode = stat.S_IFIFO
+
+    def __init__(self, data: bytearray) -> None:
         super().__init__()
-        self.data = bytearray()
+        self.data = data
         self.other: _PipeEnd = self
+
+    @override
+    def unread(self) -> int:
+        return len(self.data)
+
+    @override
+    def released(self) -> None:
+        self.other.changed()
+
+
+class _ReadingEnd(_PipeEnd):
+    access = os.O_RDONLY
 
     @override
     def events(self) -> int:
         found = READ if self.data else 0
-        if len(self.other.data) < _PIPE_ROOM:
-            found |= WRITE
         return found if self.other.is_open else found | HANG_UP
 
     @override
@@ -219,28 +326,40 @@ class _PipeEnd(OpenFile):
         self.other.changed()
         return found
 
+
+class _WritingEnd(_PipeEnd):
+    access = os.O_WRONLY
+
+    @override
+    def events(self) -> int:
+        found = WRITE if len(self.data) + _PIPE_PIECE <= _PIPE_ROOM else 0
+        return found if self.other.is_open else found | ERROR
+
     @override
     def write(self, data: Buffer) -> int:
         here().preempt()
-        while self.other.is_open and len(self.other.data) >= _PIPE_ROOM:
-            if not self.blocking:
-                fail(errno.EAGAIN)
-            self.await_events(WRITE, None)
-        if not self.other.is_open:
-            fail(errno.EPIPE)
-        piece = bytes(data)[: _PIPE_ROOM - len(self.other.data)]
-        self.other.data += piece
-        self.other.changed()
-        return len(piece)
-
-    @override
-    def released(self) -> None:
-        self.other.changed()
+        rest, count = memoryview(data).cast("B"), 0
+        while rest:
+            if not self.other.is_open:
+                return count or fail(errno.EPIPE)
+            room = _PIPE_ROOM - len(self.data)
+            if room < min(len(rest), _PIPE_PIECE):
+                if not self.blocking:
+                    return count or fail(errno.EAGAIN)
+                with held((self,)):
+                    here().wait((self.waiters,))
+                continue
+            piece, rest = rest[:room], rest[room:]
+            self.data += piece
+            count += len(piece)
+            self.other.changed()
+        return count
 
 
 def pipe(_flags: int = 0) -> tuple[int, int]:
     """As `os.pipe` and `os.pipe2`."""
-    reading, writing = _PipeEnd(), _PipeEnd()
+    data = bytearray()
+    reading, writing = _ReadingEnd(data), _WritingEnd(data)
     reading.other, writing.other = writing, reading
     if _flags & os.O_NONBLOCK:
         reading.blocking = writing.blocking = False
@@ -248,13 +367,14 @@ def pipe(_flags: int = 0) -> tuple[int, int]:
 
 
 class _Counter(OpenFile):
-    def __init__(self, value: int) -> None:
+    def __init__(self, value: int, *, counts_down: bool) -> None:
         super().__init__()
         self.value = value
+        self._counts_down = counts_down
 
     @override
     def events(self) -> int:
-        return WRITE | (READ if self.value else 0)
+        return (WRITE if self.value < _MOST_COUNTED else 0) | (READ if self.value else 0)
 
     def take(self) -> int:
         here().preempt()
@@ -262,29 +382,39 @@ class _Counter(OpenFile):
             if not self.blocking:
                 fail(errno.EAGAIN)
             self.await_events(READ, None)
-        found, self.value = self.value, 0
+        found = 1 if self._counts_down else self.value
+        self.value -= found
+        self.changed()
         return found
 
     def put(self, value: int) -> None:
         here().preempt()
+        if value > _MOST_COUNTED:
+            fail(errno.EINVAL)
+        while self.value + value > _MOST_COUNTED:
+            if not self.blocking:
+                fail(errno.EAGAIN)
+            with held((self,)):
+                here().wait((self.waiters,))
         self.value += value
         self.changed()
 
     @override
     def read(self, most: int) -> bytes:
-        return self.take().to_bytes(8, "little")
+        return fail(errno.EINVAL) if most < 8 else self.take().to_bytes(8, "little")
 
     @override
     def write(self, data: Buffer) -> int:
-        self.put(int.from_bytes(bytes(data), "little"))
+        whole = bytes(data)
+        if len(whole) < 8:
+            fail(errno.EINVAL)
+        self.put(int.from_bytes(whole[:8], "little"))
         return 8
 
 
 def eventfd(value: int, flags: int = os.EFD_CLOEXEC) -> int:
     """As `os.eventfd`."""
-    if flags & os.EFD_SEMAPHORE:
-        raise NotSimulated("EFD_SEMAPHORE")
-    counter = _Counter(value)
+    counter = _Counter(value, counts_down=bool(flags & os.EFD_SEMAPHORE))
     counter.blocking = not flags & os.EFD_NONBLOCK
     return add(counter)
 
@@ -342,10 +472,15 @@ class _Raw(io.RawIOBase):
             return None
 
     @override
+    def isatty(self) -> bool:
+        return os.isatty(self._descriptor)
+
+    @override
     def close(self) -> None:
-        if not self.closed and self._closes:
-            close(self._descriptor)
-        super().close()
+        if not self.closed:
+            super().close()
+            if self._closes:
+                close(self._descriptor)
 
 
 def fdopen(
@@ -356,8 +491,10 @@ def fdopen(
     errors: str | None = None,
     newline: str | None = None,
     closefd: bool = True,
+    opener: object = None,
 ) -> Any:
     """As `os.fdopen`, for a descriptor of a world."""
+    find(descriptor)
     raw = _Raw(descriptor, mode, closes=closefd)
     if buffering == 0:
         return raw

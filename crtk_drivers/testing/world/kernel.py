@@ -74,6 +74,11 @@ class Process:
         vanished: its machine has gone: it answers nothing.
         exit_code: None while it lives.
         exited: who waits for its end.
+        parent: that has started it.
+        is_stopped: by SIGSTOP.
+        delayed: signals that came meanwhile.
+        is_reaped: its parent knows how it has ended, and nobody finds it any more.
+        at_exit: what `atexit` was given.
     """
 
     def __init__(self, pid: int, name: str, argv: Iterable[str] = ()) -> None:
@@ -89,6 +94,10 @@ class Process:
         self.vanished = False
         self.exit_code: int | None = None
         self.exited: Waiters = {}
+        self.parent: Process | None = None
+        self.is_stopped = self.is_reaped = False
+        self.delayed: list[int] = []
+        self.at_exit: list[Callable[[], object]] = []
 
     @property
     def alive(self) -> bool:
@@ -101,6 +110,7 @@ class Task:
 
     Attributes:
         wants: the lock that it waits for without end.
+        thread: of `threading`, if it is one.
         frozen_until: ns; it does not run before.
     """
 
@@ -116,6 +126,7 @@ class Task:
         self.wants: Any = None
         self.sentinel: Any = None  # released at its end
         self.ident = 0
+        self.thread: Any = None
 
     @override
     def __repr__(self) -> str:
@@ -368,9 +379,12 @@ class Kernel:
 
     def give_way(self) -> None:
         """Let another task go on; the current one stays ready."""
-        if self.current is not None:
-            self._make_ready(self.current)
-            self._hand_on(self.current)
+        task = self.current
+        if task is not None:
+            self._make_ready(task)
+            self._hand_on(task)
+            if task.process.pending and task is task.process.main:
+                self._handle_signals(task.process)
 
     def _hand_on(self, task: Task | None) -> None:
         following = self._choose()

@@ -33,6 +33,8 @@ class Lock:
         """Take it."""
         if not blocking and timeout != -1:
             raise ValueError("can't specify a timeout for a non-blocking call")
+        if timeout < 0 and timeout != -1:
+            raise ValueError("timeout value must be a non-negative number")
         kernel = running.kernel
         if kernel is None:
             if self._owner is not None:
@@ -190,7 +192,9 @@ def start_new_thread(
     kernel = here()
     owner = getattr(function, "__self__", None)
     name = getattr(owner, "name", getattr(function, "__name__", "?"))
-    return kernel.start(name, lambda _: function(*args, **(kwargs or {})), kernel.process).number
+    task = kernel.start(name, lambda _: function(*args, **(kwargs or {})), kernel.process)
+    task.thread = owner
+    return task.number
 
 
 def set_sentinel() -> Lock:
@@ -252,7 +256,7 @@ def start_joinable_thread(
         found.begin()
         function()
 
-    kernel.start(name, run, kernel.process)
+    kernel.start(name, run, kernel.process).thread = owner
     return found
 
 

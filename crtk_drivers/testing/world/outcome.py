@@ -42,6 +42,7 @@ class Outcome:
         without: numbers of those that were left out.
         virtual, cpu: s that passed in the world, and of the processor.
         switches, packets: how often another thread went on, and what was sent.
+        result: what the scenario returned, as JSON has it; None if it did not come to its end.
     """
 
     seed: int
@@ -55,6 +56,7 @@ class Outcome:
     cpu: float
     switches: int
     packets: int
+    result: Any = None
 
     @classmethod
     def of_json(cls, found: dict[str, Any]) -> Self:

@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import _socket
 import _thread
+import atexit
+import builtins
+import errno
 import fcntl
 import functools
 import importlib
+import io
 import os
 import random
 import select
@@ -70,17 +74,25 @@ _SOCKETS: Final[dict[str, Any]] = {
     "dup": sockets.dup,
     "getaddrinfo": sockets.getaddrinfo,
     "gethostbyname": sockets.gethostbyname,
+    "getnameinfo": sockets.getnameinfo,
     "getdefaulttimeout": sockets.getdefaulttimeout,
     "setdefaulttimeout": sockets.setdefaulttimeout,
 }
 _REFUSED: Final = {
     "os": (
-        "fork forkpty posix_spawn posix_spawnp execv execve wait waitpid waitid pidfd_open splice sendfile "
-        "timerfd_create"
+        "fork forkpty posix_spawn posix_spawnp execv execve wait wait3 wait4 waitpid waitid pidfd_open "
+        "splice sendfile timerfd_create killpg"
     ),
-    "signal": "alarm setitimer pthread_kill sigwait sigtimedwait pidfd_send_signal",
-    "_socket": "gethostbyname_ex gethostbyaddr getnameinfo",
+    "signal": (
+        "alarm setitimer pthread_kill pthread_sigmask sigwait sigwaitinfo sigtimedwait pause "
+        "siginterrupt pidfd_send_signal"
+    ),
+    "_socket": "gethostbyname_ex gethostbyaddr",
 }
+_REFUSED_OF_DESCRIPTORS: Final = (
+    "readv writev pread pwrite preadv pwritev ftruncate fsync fchmod fchown"
+)
+"""Functions of `os` that a descriptor of a world does not have."""
 
 
 def install() -> None:
@@ -141,7 +153,7 @@ def _put_os() -> None:
             "sched_setaffinity": lambda *_: None,
         },
     )
-    ttyname, fstat, close = os.ttyname, os.fstat, os.close
+    ttyname, close = os.ttyname, os.close
 
     def close_any(descriptor: int) -> None:
         """Close a descriptor; whoever waits for a real one in the world is told."""
@@ -156,7 +168,10 @@ def _put_os() -> None:
         "read": lambda fd, most: files.find(fd).read(most),
         "write": lambda fd, data: files.find(fd).write(data),
         "ttyname": lambda fd: ttyname(terminals.real_of(fd)),
-        "fstat": lambda fd: fstat(terminals.real_of(fd)),
+        "fstat": terminals.status,
+        "lseek": lambda *_: files.fail(errno.ESPIPE),
+        "dup2": files.dup2,
+        "get_inheritable": lambda fd: files.find(fd) is None,
         "isatty": terminals.isatty,
         "dup": lambda fd: files.add(files.find(fd)),
         "set_blocking": lambda fd, flag: setattr(files.find(fd), "blocking", flag),
@@ -164,8 +179,18 @@ def _put_os() -> None:
         "set_inheritable": lambda *_: None,
         "fdopen": files.fdopen,
     }
+    of_descriptors |= {name: _refusal(f"os.{name}") for name in _REFUSED_OF_DESCRIPTORS.split()}
     for name, ours in of_descriptors.items():
         _put(os, {name: _for_descriptors(getattr(os, name), ours)})
+    plain_open = io.open
+
+    def open_any(file: Any, *rest: Any, **more: Any) -> Any:
+        if terminals.is_terminal(file):
+            raise NotSimulated("open() of a terminal by its name: use os.open")
+        return (files.fdopen if files.is_ours(file) else plain_open)(file, *rest, **more)
+
+    _put(io, {"open": open_any})
+    _put(builtins, {"open": open_any})
 
 
 def _for_descriptors(theirs: Callable[..., Any], ours: Callable[..., Any]) -> Callable[..., Any]:
@@ -201,10 +226,28 @@ def _put_processes() -> None:
     from crtk_drivers.testing.world import processes
 
     _put(subprocess, {"Popen": processes.Popen})
-    handlers = {"signal": processes.set_handler, "getsignal": processes.get_handler}
-    _put(signal, {**handlers, "set_wakeup_fd": _set_wakeup_fd})
+    _put(
+        signal,
+        {
+            "signal": processes.set_handler,
+            "getsignal": processes.get_handler,
+            "raise_signal": processes.raise_signal,
+            "set_wakeup_fd": _set_wakeup_fd,
+        },
+    )
     _put(os, {"kill": processes.kill, "_exit": processes.exit_now, "getpid": processes.getpid})
-    _put(threading, {"main_thread": processes.main_thread})
+    _put(
+        threading,
+        {
+            "main_thread": processes.main_thread,
+            "enumerate": processes.threads,
+            "active_count": processes.count_threads,
+            "activeCount": processes.count_threads,
+        },
+    )
+    _put(atexit, {"register": processes.at_exit, "unregister": processes.not_at_exit})
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        setattr(sys, name, processes.Standard(number))
 
 
 def _set_wakeup_fd(descriptor: int, **_: object) -> int:
@@ -215,7 +258,11 @@ def _set_wakeup_fd(descriptor: int, **_: object) -> int:
 
 
 def _ioctl(descriptor: int, request: int, argument: Any = 0, mutate: bool = True) -> Any:
-    return files.find(descriptor).control(request, argument)
+    found = files.find(descriptor).control(request, argument)
+    if not isinstance(found, bytes) or isinstance(argument, bytes | int) or not mutate:
+        return found
+    memoryview(argument).cast("B")[: len(found)] = found
+    return 0
 
 
 # Numbers that are random elsewhere

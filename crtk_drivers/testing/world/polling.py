@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import math
 import select
@@ -15,6 +16,10 @@ from crtk_drivers.testing.world.files import ERROR, HANG_UP, READ, WRITE, OpenFi
 from crtk_drivers.testing.world.kernel import NotSimulated, Waiters, here, running
 
 _URGENT: Final = select.POLLPRI
+_REFUSED: Final = {
+    "an edge-triggered epoll": select.EPOLLET,
+    "EPOLLEXCLUSIVE": select.EPOLLEXCLUSIVE,
+}
 
 Found = TypeVar("Found")
 
@@ -48,6 +53,11 @@ def _file(descriptor: int) -> OpenFile | None:
         return None
 
 
+def _kept(watched: Iterable[OpenFile]) -> contextlib.AbstractContextManager[None]:
+    """Keep the files of the world open meanwhile; real ones are not ours to keep."""
+    return files.held([file for file in watched if not isinstance(file, files.RealFile)])
+
+
 class Poll:
     """As `select.poll`."""
 
@@ -71,22 +81,20 @@ class Poll:
     def poll(self, timeout: float | None = None) -> list[tuple[int, int]]:
         """Wait for at most `timeout` ms."""
         seconds = None if timeout is None else math.ceil(timeout) / 1000.0
-        return _until_found(self._look, self._files, here().deadline(seconds))
+        wanted = [(each, _file(each), events) for each, events in self._wanted.items()]
+        files_ = [file for _, file, _ in wanted if file is not None]
 
-    def _look(self) -> list[tuple[int, int]]:
-        found = []
-        for descriptor, wanted in self._wanted.items():
-            if descriptor < 0:
-                continue
-            file = _file(descriptor)
-            if file is None:
-                found.append((descriptor, select.POLLNVAL))
-            elif events := file.events() & (wanted | ERROR | HANG_UP):
-                found.append((descriptor, events))
-        return found
+        def look() -> list[tuple[int, int]]:
+            found = []
+            for descriptor, file, asked in wanted:
+                if file is None:
+                    found.append((descriptor, select.POLLNVAL))
+                elif events := file.events() & (asked | ERROR | HANG_UP):
+                    found.append((descriptor, events))
+            return found
 
-    def _files(self) -> list[OpenFile]:
-        return [file for each in self._wanted if (file := _file(each)) is not None]
+        with _kept(files_):
+            return _until_found(look, lambda: files_, here().deadline(seconds))
 
 
 class _EpollFile(OpenFile):
@@ -94,23 +102,41 @@ class _EpollFile(OpenFile):
 
     def __init__(self) -> None:
         super().__init__()
-        self.wanted: dict[int, tuple[OpenFile, int]] = {}
+        self.wanted: dict[tuple[int, OpenFile], int] = {}
+        """By descriptor and file, as Linux has it: the number may be another file's by now."""
 
     @override
     def events(self) -> int:
         return READ if self.look() else 0
 
-    def look(self) -> list[tuple[int, int]]:
+    def look(self, most: int = -1) -> list[tuple[int, int]]:
         found = []
-        for descriptor, (file, wanted) in list(self.wanted.items()):
+        for key, wanted in list(self.wanted.items()):
+            descriptor, file = key
             if not file.is_open:
-                del self.wanted[descriptor]
-            elif events := file.events() & (wanted | ERROR | HANG_UP):
+                del self.wanted[key]
+            elif events := file.events() & _asked(wanted):
                 found.append((descriptor, events))
+                if len(found) == most:
+                    break
+        return found
+
+    def take(self, most: int) -> list[tuple[int, int]]:
+        """Look, and switch off what was to be told once."""
+        found = self.look(most)
+        told = {descriptor for descriptor, _ in found}
+        for key, wanted in self.wanted.items():
+            if wanted & select.EPOLLONESHOT and key[0] in told:
+                self.wanted[key] = select.EPOLLONESHOT
         return found
 
     def watched(self) -> list[OpenFile]:
-        return [file for file, _ in self.wanted.values()]
+        return [file for _, file in self.wanted]
+
+
+def _asked(wanted: int) -> int:
+    """Return the events that an epoll's entry asks for; none once it was told, if it is to be told once."""
+    return 0 if wanted == select.EPOLLONESHOT else wanted | ERROR | HANG_UP
 
 
 class Epoll:
@@ -129,6 +155,8 @@ class Epoll:
 
     def fileno(self) -> int:
         """Return its descriptor."""
+        if self.closed:
+            raise ValueError("I/O operation on closed epoll object")
         return self._descriptor
 
     def close(self) -> None:
@@ -137,36 +165,43 @@ class Epoll:
         if descriptor >= 0:
             files.close(descriptor)
 
+    def _key(self, file: Any) -> tuple[int, OpenFile]:
+        self.fileno()  # which says so if it is closed
+        number = number_of(file)
+        return number, files.find_any(number)
+
     def register(self, file: Any, eventmask: int = READ | WRITE | _URGENT) -> None:
         """Wait for a descriptor from now on."""
-        number = number_of(file)
-        if eventmask & select.EPOLLET:
-            raise NotSimulated("an edge-triggered epoll")
-        if number in self._file.wanted and self._file.wanted[number][0].is_open:
+        key = self._key(file)
+        for name, flag in _REFUSED.items():
+            if eventmask & flag:
+                raise NotSimulated(name)
+        if key in self._file.wanted:
             files.fail(errno.EEXIST)
-        self._file.wanted[number] = files.find_any(number), eventmask
+        self._file.wanted[key] = eventmask
         self._file.changed()
 
     def modify(self, file: Any, eventmask: int) -> None:
         """Wait for something else of it."""
-        number = number_of(file)
-        if number not in self._file.wanted:
+        key = self._key(file)
+        if key not in self._file.wanted:
             files.fail(errno.ENOENT)
-        self._file.wanted[number] = files.find_any(number), eventmask
+        self._file.wanted[key] = eventmask
         self._file.changed()
 
     def unregister(self, file: Any) -> None:
         """Do not wait for it any more."""
-        if self._file.wanted.pop(number_of(file), None) is None:
+        if self._file.wanted.pop(self._key(file), None) is None:
             files.fail(errno.ENOENT)
 
     def poll(self, timeout: float | None = None, maxevents: int = -1) -> list[tuple[int, int]]:
         """Wait for at most `timeout` s."""
-        if self.closed:
-            raise ValueError("I/O operation on closed epoll object")
+        self.fileno()  # which says so if it is closed
+        if maxevents < -1 or maxevents == 0:
+            raise ValueError(f"maxevents must be greater than 0, got {maxevents}")
         whole = None if timeout is None or timeout < 0 else math.ceil(timeout * 1000.0) / 1000.0
-        found = _until_found(self._file.look, lambda: (self._file,), here().deadline(whole))
-        return found[:maxevents] if maxevents > 0 else found
+        epoll = self._file
+        return _until_found(lambda: epoll.take(maxevents), lambda: (epoll,), here().deadline(whole))
 
     def __enter__(self) -> Epoll:
         return self
@@ -182,22 +217,25 @@ def select_(
     timeout: float | None = None,
 ) -> tuple[list[Any], list[Any], list[Any]]:
     """As `select.select`."""
-    sides = [(each, files.find_any(number_of(each)), READ) for each in reading]
-    sides += [(each, files.find_any(number_of(each)), WRITE) for each in writing]
+    if timeout is not None and timeout < 0:
+        raise ValueError("timeout must be non-negative")
+    for each in other:
+        files.find_any(number_of(each))  # nothing urgent ever comes
+    sides = [(each, files.find_any(number_of(each)), READ | HANG_UP | ERROR) for each in reading]
+    sides += [(each, files.find_any(number_of(each)), WRITE | ERROR) for each in writing]
     count = len(reading)
+    watched = [file for _, file, _ in sides]
 
     def look() -> tuple[list[Any], list[Any], list[Any]] | tuple[()]:
-        ready = [file.events() & (wanted | ERROR | HANG_UP) for _, file, wanted in sides]
+        ready = [bool(file.events() & wanted) for _, file, wanted in sides]
         if not any(ready):
             return ()
-        named = [
-            each if is_ready else None for (each, _, _), is_ready in zip(sides, ready, strict=True)
-        ]
+        chosen = [(place, side[0]) for place, side in enumerate(sides) if ready[place]]
         return (
-            [each for each in named[:count] if each is not None],
-            [each for each in named[count:] if each is not None],
+            [each for place, each in chosen if place < count],
+            [each for place, each in chosen if place >= count],
             [],
         )
 
-    found = _until_found(look, lambda: [file for _, file, _ in sides], here().deadline(timeout))
-    return found or ([], [], [])
+    with _kept(watched):
+        return _until_found(look, lambda: watched, here().deadline(timeout)) or ([], [], [])

@@ -8,116 +8,121 @@ variables, with every other process of the world.
 from __future__ import annotations
 
 import builtins
+import concurrent.futures.thread
+import contextlib
+import errno
 import functools
 import os
 import runpy
+import shutil
 import signal
 import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Self
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TextIO
+
+from typing_extensions import override
 
 from crtk_drivers.testing.world import files
 from crtk_drivers.testing.world.kernel import NotSimulated, Process, here, running
 
 _real_getpid, _real_signal, _real_getsignal = os.getpid, signal.signal, signal.getsignal
-_real_main_thread = threading.main_thread
+_real_main_thread, _real_threads = threading.main_thread, threading.enumerate
+_real_outputs: Final = (sys.stdin, sys.stdout, sys.stderr)
 _IGNORED: Final = (signal.SIGCHLD, signal.SIGWINCH, signal.SIGURG)
 _OPTIONS_WITH_VALUE: Final = ("-X", "-W")
-_ACCEPTED: Final = {"close_fds", "start_new_session", "stdin", "text", "bufsize"}
-"""Arguments of Popen that change nothing here."""
+_REFUSED: Final = ("executable", "preexec_fn", "cwd", "shell", "gid", "gids", "uid", "umask")
+"""Arguments of `_execute_child` that would change what the child is."""
+_PIPES: Final = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
+_EXECUTED: Final = (
+    *("args", "executable", "preexec_fn", "close_fds", "pass_fds", "cwd", "env", "startupinfo"),
+    *("creationflags", "shell", *_PIPES, "restore_signals", "gid", "gids", "uid", "umask"),
+)
+"""What Python gives to `_execute_child`, in this order."""
+_UNSET: Final = (None, False, -1)
 
 
-class Popen:
+class Popen(subprocess.Popen[Any]):
     """As `subprocess.Popen`, of a Python program.
 
     Raises:
         NotSimulated: it is another program, or an argument asks for what a world does not have.
     """
 
-    def __init__(
-        self,
-        args: Sequence[str],
-        *,
-        stdout: Any = None,
-        stderr: Any = None,
-        pass_fds: Sequence[int] = (),
-        env: Mapping[str, str] | None = None,
-        **other: Any,
-    ) -> None:
-        for name, value in other.items():
-            if name not in _ACCEPTED and value is not None:
-                raise NotSimulated(f"subprocess.Popen({name}={value!r})")
-        if subprocess.PIPE in (stdout, stderr, other.get("stdin")):
-            raise NotSimulated("subprocess.PIPE: make a pipe by os.pipe, and pass its end")
-        del env  # there is one environment for all
-        self.args = args
+    _process: Process
+
+    def _execute_child(self, *given: Any) -> None:
+        """Start the child; Python's own makes the pipes before, and reads and writes them after."""
+        asked = dict(zip(_EXECUTED, given, strict=False))
+        for name in _REFUSED:
+            if asked[name] not in _UNSET:
+                raise NotSimulated(f"subprocess.Popen({name}={asked[name]!r})")
+        args = asked["args"]  # the environment is one for all
+        if isinstance(args, str | bytes | os.PathLike):
+            args = [args]
         main, argv = _program([os.fspath(each) for each in args])
         kernel = here()
-        self._process = kernel.add_process(argv[0], argv)
-        ends = [(each, each) for each in pass_fds] + [(1, stdout), (2, stderr)]
-        for number, given in ends:
-            if files.is_ours(given):
-                found = files.find(given)
+        child = kernel.add_process(argv[0], argv)
+        child.parent = kernel.process
+        child.handlers.update(
+            {n: each for n, each in kernel.process.handlers.items() if each == signal.SIG_IGN}
+        )
+        ends = [(int(each), int(each)) for each in asked["pass_fds"]]
+        ends += list(enumerate((asked["p2cread"], asked["c2pwrite"], asked["errwrite"])))
+        for number, source in ends:
+            found = _inherited(number if source == -1 else source)
+            if found is not None:
                 found.hold()
-                self._process.files[number] = found
-        self._process.main = kernel.start("main", lambda _: run_main(main), self._process)
-        self.pid = self._process.pid
-        self.stdin = self.stdout = self.stderr = None
+                child.files[number] = found
+        self._process = child
+        self._child_created = True
+        self.pid = child.pid
+        child.main = kernel.start("main", lambda _: run_main(main), child)
+        pipes = [asked[name] for name in _PIPES]
+        self._close_pipe_fds(*pipes)  # type: ignore[attr-defined]
+        kernel.preempt()
 
-    def __class_getitem__(cls, item: object) -> type[Self]:
-        return cls
+    def _internal_poll(self, *_: object) -> int | None:
+        if self.returncode is None and self._process.exit_code is not None:
+            self.returncode = self._process.exit_code
+            self._process.is_reaped = True
+        return self.returncode
 
-    @property
-    def returncode(self) -> int | None:
-        """Its exit code, None while it runs."""
-        return self._process.exit_code
-
+    @override
     def poll(self) -> int | None:
-        """Return its exit code, None while it runs."""
         here().preempt()
-        return self._process.exit_code
+        return self._internal_poll()
 
-    def wait(self, timeout: float | None = None) -> int:
-        """Wait for its end.
-
-        Raises:
-            subprocess.TimeoutExpired: it runs on.
-        """
+    def _wait(self, timeout: float | None) -> int:
         kernel = here()
-        end = kernel.deadline(timeout)
-        while self._process.exit_code is None:
+        end = None if timeout is None else kernel.deadline(max(0.0, timeout))
+        while self._internal_poll() is None:
             if end is not None and kernel.now >= end:
                 assert timeout is not None
-                raise subprocess.TimeoutExpired(list(self.args), timeout)
+                raise subprocess.TimeoutExpired(self.args, timeout)
             kernel.wait((self._process.exited,), end)
-        return self._process.exit_code
+        return self.returncode
 
-    def send_signal(self, number: int) -> None:
-        """Send it a signal."""
-        send_signal(self._process, number)
+    @override
+    def __del__(self) -> None:
+        """Do nothing: a child of a world needs no burial."""
 
-    def terminate(self) -> None:
-        """Send it SIGTERM."""
-        self.send_signal(signal.SIGTERM)
 
-    def kill(self) -> None:
-        """Send it SIGKILL."""
-        self.send_signal(signal.SIGKILL)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.wait()
+def _inherited(descriptor: int) -> files.OpenFile | None:
+    """Return what a child has of its parent's descriptor, None if that is the real one of all."""
+    if files.is_ours(descriptor):
+        return files.find(descriptor)
+    return files.RealOutput(descriptor) if descriptor > 2 else None
 
 
 def _program(args: list[str]) -> tuple[Callable[[], object], list[str]]:
     """Return what a command line of Python runs, and its ``sys.argv``."""
     program, *rest = args
     if program != sys.executable:
+        if shutil.which(program) is None:
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), program)
         raise NotSimulated(f"the program {program}")
     while rest and rest[0].startswith("-") and rest[0] not in ("-c", "-m"):
         del rest[: 2 if rest[0] in _OPTIONS_WITH_VALUE else 1]
@@ -135,17 +140,55 @@ def _program(args: list[str]) -> tuple[Callable[[], object], list[str]]:
 def run_main(main: Callable[[], object]) -> None:
     """Be the main task of a process."""
     process = here().process
-    process.main_thread = threading.current_thread()
-    process.main_thread.name = "MainThread"
+    be_main_thread(process)
+    code = _code_of(main)
+    for task in list(here().tasks):
+        thread = task.thread
+        is_pooled = thread in concurrent.futures.thread._threads_queues  # noqa: SLF001 - nobody ends it
+        is_ours = task.process is process and isinstance(thread, threading.Thread)
+        if is_ours and not is_pooled and not thread.daemon:
+            thread.join()
+    while process.at_exit:
+        code = _code_of(process.at_exit.pop()) or code
+    with contextlib.suppress(OSError):
+        for each in _outputs.get(process.pid, {}).values():
+            each.flush()
+    here().end_process(process, code)
+
+
+def _code_of(main: Callable[[], object]) -> int:
+    """Run a program, and return its exit code."""
+    process = here().process
     try:
         main()
-        code = 0
     except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        if end.code is None or isinstance(end.code, int):
+            return (end.code or 0) & 0xFF
+        sys.stderr.write(f"{end.code}\n")
+        return 1
+    except KeyboardInterrupt:
+        return -signal.SIGINT
     except BaseException:
-        code = 1
         here().find("a process died", f"{process.name}: {traceback.format_exc()}")
-    here().end_process(process, code)
+        return 1
+    return 0
+
+
+# Threads of one process
+
+
+def be_main_thread(process: Process) -> None:
+    """Let this thread be the main one of a process."""
+    is_first = not here().process.parent and process.pid == here().processes[0].pid
+    if is_first:
+        threading._active.pop(_real_main_thread().ident, None)  # type: ignore[attr-defined]  # noqa: SLF001
+    thread: Any = threading.current_thread()  # a dummy, since no `Thread` has started it
+    thread.__class__ = threading._MainThread  # type: ignore[attr-defined]  # noqa: SLF001
+    thread._daemonic = False  # noqa: SLF001
+    thread.name = "MainThread"
+    if hasattr(thread, "_set_tstate_lock"):
+        thread._set_tstate_lock()  # noqa: SLF001 - to Python 3.12, it can be joined by this
+    process.main_thread = thread
 
 
 def main_thread() -> Any:
@@ -153,45 +196,148 @@ def main_thread() -> Any:
     return _real_main_thread() if running.kernel is None else here().process.main_thread
 
 
+def threads() -> list[threading.Thread]:
+    """As `threading.enumerate`: those of this process."""
+    kernel = running.kernel
+    if kernel is None:
+        return _real_threads()
+    process = kernel.process
+    ours = {id(task.thread) for task in kernel.tasks if task.process is process}
+    return [each for each in _real_threads() if each is process.main_thread or id(each) in ours]
+
+
+def count_threads() -> int:
+    """As `threading.active_count`."""
+    return len(threads())
+
+
+# Standard input and outputs
+
+
+_outputs: dict[int, dict[int, TextIO]] = {}
+
+
+class Standard:
+    """Python's file of descriptor 0, 1 or 2, of whichever process asks."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file(), name)
+
+    def __iter__(self) -> Any:
+        return iter(self._file())
+
+    def _file(self) -> TextIO:
+        number = self._number
+        if running.kernel is None or number not in running.kernel.process.files:
+            return _real_outputs[number]
+        own = _outputs.setdefault(here().process.pid, {})
+        if number not in own:
+            buffering = 1 if number == 2 else -1
+            own[number] = files.fdopen(number, "w" if number else "r", buffering, closefd=False)
+        return own[number]
+
+
+def at_exit(function: Callable[..., Any], *args: Any, **more: Any) -> Callable[..., Any]:
+    """As `atexit.register`, for this process; what is registered before the world begins is dropped."""
+    if running.kernel is not None:
+        running.kernel.process.at_exit.append(functools.partial(function, *args, **more))
+    return function
+
+
+def not_at_exit(function: Callable[..., Any]) -> None:
+    """As `atexit.unregister`."""
+    if running.kernel is not None:
+        kept = running.kernel.process.at_exit
+        kept[:] = [each for each in kept if getattr(each, "func", None) != function]
+
+
 # Signals
+
+
+_DEFAULTS: Final[Mapping[int, Any]] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGPIPE: signal.SIG_IGN,
+    signal.SIGXFSZ: signal.SIG_IGN,
+}
+"""Of a program of Python."""
 
 
 def send_signal(process: Process, number: int) -> None:
     """Do what a signal does to a process."""
     kernel = here()
     kernel.note("signal", process.name, int(number))
-    handler = process.handlers.get(number, signal.SIG_DFL)
+    if not process.alive or not number:
+        return
+    if process.is_stopped and number not in (signal.SIGKILL, signal.SIGCONT):
+        process.delayed.append(number)
+        return
+    handler = _handler(process, number)
     if number == signal.SIGKILL or (handler == signal.SIG_DFL and number not in _SPARED):
         kernel.end_process(process, -int(number))
     elif number == signal.SIGSTOP:
+        process.is_stopped = True
         kernel.freeze(process, float("inf"))
     elif number == signal.SIGCONT:
-        kernel.thaw(process)
+        _go_on(process)
     elif callable(handler):
+        process.handlers[number] = handler
         kernel.send_signal(process, number)
+    if kernel.current is not None and kernel.current is process.main:
+        kernel.give_way()  # who sends a signal to itself has handled it when it goes on
     kernel.preempt()
 
 
-_SPARED: Final = {*_IGNORED, signal.SIGSTOP, signal.SIGCONT, 0}
+def _go_on(process: Process) -> None:
+    if process.is_stopped:
+        process.is_stopped = False
+        here().thaw(process)
+    delayed, process.delayed = process.delayed, []
+    for number in delayed:
+        send_signal(process, number)
+
+
+_SPARED: Final = {*_IGNORED, signal.SIGSTOP, signal.SIGCONT}
 """Signals that do not end a process by themselves."""
 
 
+def _handler(process: Process, number: int) -> Any:
+    return process.handlers.get(number, _DEFAULTS.get(number, signal.SIG_DFL))
+
+
 def set_handler(number: int, handler: Any) -> Any:
-    """As `signal.signal`."""
+    """As `signal.signal`.
+
+    Raises:
+        NotSimulated: a handler of SIGCHLD: no process is told that a child has ended.
+    """
     kernel = running.kernel
     if kernel is None:
         return _real_signal(number, handler)
-    before = kernel.process.handlers.get(number, signal.SIG_DFL)
-    kernel.process.handlers[number] = handler
+    process = kernel.process
+    if kernel.current is not process.main:
+        raise ValueError("signal only works in main thread of the main interpreter")
+    if not 1 <= number < signal.NSIG:
+        raise ValueError("signal number out of range")
+    if not callable(handler) and handler not in (signal.SIG_IGN, signal.SIG_DFL):
+        raise TypeError(
+            "signal handler must be signal.SIG_IGN, signal.SIG_DFL, or a callable object"
+        )
+    if number in (signal.SIGKILL, signal.SIGSTOP):
+        files.fail(errno.EINVAL)
+    if number == signal.SIGCHLD and handler not in (signal.SIG_IGN, signal.SIG_DFL):
+        raise NotSimulated("a handler of SIGCHLD")
+    before = _handler(process, number)
+    process.handlers[number] = handler if callable(handler) else signal.Handlers(handler)
     return before
 
 
 def get_handler(number: int) -> Any:
     """As `signal.getsignal`."""
     kernel = running.kernel
-    if kernel is None:
-        return _real_getsignal(number)
-    return kernel.process.handlers.get(number, signal.SIG_DFL)
+    return _real_getsignal(number) if kernel is None else _handler(kernel.process, number)
 
 
 def kill(pid: int, number: int) -> None:
@@ -201,14 +347,20 @@ def kill(pid: int, number: int) -> None:
         ProcessLookupError: no process of the world has this id.
     """
     for process in here().processes:
-        if process.pid == pid and process.alive:
-            return send_signal(process, number)
-    raise ProcessLookupError(f"no process {pid} in the world")
+        if process.pid == pid and not process.is_reaped:
+            send_signal(process, number)
+            return
+    files.fail(errno.ESRCH)
+
+
+def raise_signal(number: int) -> None:
+    """As `signal.raise_signal`."""
+    send_signal(here().process, number)
 
 
 def exit_now(code: int) -> None:
     """As `os._exit`."""
-    here().end_process(here().process, code)
+    here().end_process(here().process, code & 0xFF)
 
 
 def getpid() -> int:
@@ -216,4 +368,20 @@ def getpid() -> int:
     return _real_getpid() if running.kernel is None else here().process.pid
 
 
-__all__ = ["Popen", "exit_now", "get_handler", "getpid", "kill", "main_thread", "set_handler"]
+__all__ = [
+    "Popen",
+    "Standard",
+    "at_exit",
+    "be_main_thread",
+    "count_threads",
+    "exit_now",
+    "get_handler",
+    "getpid",
+    "kill",
+    "main_thread",
+    "not_at_exit",
+    "raise_signal",
+    "run_main",
+    "set_handler",
+    "threads",
+]

@@ -15,7 +15,7 @@ from crtk_drivers.testing.world import kernel as kernels
 from crtk_drivers.testing.world import network as networks
 from crtk_drivers.testing.world.kernel import DONE, Kernel, Process
 from crtk_drivers.testing.world.outcome import Finding, Line, Outcome
-from crtk_drivers.testing.world.processes import run_main
+from crtk_drivers.testing.world.processes import be_main_thread, run_main
 from crtk_drivers.testing.world.troubles import Troubles, Weather
 
 Scenario = Callable[["World"], object]
@@ -123,9 +123,11 @@ class World:
         root.handlers[:] = [_ToStory(self)]
         random.seed(self.kernel.seed)
 
+        returned: list[object] = []
+
         def main() -> None:
-            process.main_thread = threading.current_thread()
-            scenario(self)
+            be_main_thread(process)
+            returned.append(scenario(self))
 
         self.kernel.run(main, process)
         kernel = self.kernel
@@ -141,6 +143,7 @@ class World:
             cpu=kernel.cpu,
             switches=kernel.switches,
             packets=self.network.packets,
+            result=returned[0] if returned else None,
         )
 
     def _add(self, who: str, text: str) -> None:
@@ -154,6 +157,8 @@ class World:
         self._add(self.kernel.process.name, f"{record.levelname} {record.getMessage()}")
 
     def _thread_died(self, what: Any) -> None:
+        if issubclass(what.exc_type, SystemExit):
+            return  # as a thread of Python ends by it
         lines = traceback.format_exception(what.exc_type, what.exc_value, what.exc_traceback)
         name = what.thread.name if what.thread else "?"
         self.find("a thread died", f"{self.kernel.process.name}/{name}: {''.join(lines)}")

@@ -1,0 +1,86 @@
+"""What goes wrong in a world is a finding that names who and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from crtk_drivers.testing.world import Finding, Host
+
+SEEDS = range(1, 6)
+
+pytestmark = pytest.mark.sweep(1)
+
+
+@pytest.fixture(scope="module")
+def host() -> Iterator[Host]:
+    with Host(Path(__file__).parent / "stuck_programs.py") as found:
+        yield found
+
+
+def found(host: Host, scenario: str, seed: int = 1, **options: float) -> Finding:
+    outcome = host.run(scenario, seed, **options)
+    assert len(outcome.findings) == 1, outcome.told()
+    assert outcome.over == outcome.findings[0].kind
+    assert outcome.result is None
+    return outcome.findings[0]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_deadlock_names_both_threads(host: Host, seed: int) -> None:
+    finding = found(host, "two_locks", seed)
+    assert finding.kind == "deadlock"
+    circle = finding.text.splitlines()[0]
+    assert sorted(circle.split(" waits for ")[:2]) == ["main/left", "main/right"]
+    assert "stuck_programs.py" in finding.text
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_deadlock_of_three_is_found(host: Host, seed: int) -> None:
+    finding = found(host, "three_rlocks", seed)
+    assert finding.kind == "deadlock"
+    assert all(f"main/thread {number}" in finding.text for number in range(3))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_condition_is_no_deadlock(host: Host, seed: int) -> None:
+    outcome = host.run("no_deadlock", seed)
+    outcome.check()
+    assert outcome.result == 60
+
+
+def test_waiting_for_ever_names_each_place(host: Host) -> None:
+    finding = found(host, "nobody_comes")
+    assert finding.kind == "all wait for ever"
+    lines = dict(line.split(": ", 1) for line in finding.text.splitlines())
+    assert "wait_in_a_thread" in lines["main/reader"]
+    assert "_wait_for_nobody" in lines["main/main"]
+
+
+def test_horizon_is_a_finding(host: Host) -> None:
+    finding = found(host, "not_done", horizon=7.5)
+    assert finding.kind == "not done at the horizon"
+    assert 6.0 < finding.at <= 7.5
+    assert "not_done" in finding.text
+
+
+def test_error_in_a_thread_is_a_finding(host: Host) -> None:
+    finding = found(host, "error_in_a_thread")
+    assert finding.kind == "a thread died"
+    assert "main/looker" in finding.text
+    assert "KeyError: 'missing'" in finding.text
+
+
+def test_error_in_a_child_is_a_finding(host: Host) -> None:
+    finding = found(host, "error_in_a_child")
+    assert finding.kind == "a process died"
+    assert "LookupError: on purpose" in finding.text
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_killed_child_never_runs_again(host: Host, seed: int) -> None:
+    outcome = host.run("killed_child", seed)
+    outcome.check()
+    assert outcome.result == [True, True, True, -9]
