@@ -41,6 +41,7 @@ def refused_calls(_: World) -> dict[str, str]:
         "a shell": _told(subprocess.Popen, "exit", shell=True),
         "a timer": _told(signal.setitimer, signal.ITIMER_REAL, 1.0),
         "an alarm": _told(signal.alarm, 1),
+        "waking up": _told(signal.set_wakeup_fd, writing),
         "SIGCHLD": _told(signal.signal, signal.SIGCHLD, lambda *_: None),
         "AF_INET6": _told(socket.socket, socket.AF_INET6),
         "edge-triggered": _told(select.epoll().register, reading, select.EPOLLET),

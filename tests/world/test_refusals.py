@@ -16,6 +16,7 @@ TOLD = {
     "a shell": "subprocess.Popen(shell=True)",
     "a timer": "signal.setitimer",
     "an alarm": "signal.alarm",
+    "waking up": "signal.set_wakeup_fd",
     "SIGCHLD": "a handler of SIGCHLD",
     "AF_INET6": "EAFNOSUPPORT",
     "edge-triggered": "an edge-triggered epoll",

@@ -358,6 +358,13 @@ def raise_signal(number: int) -> None:
     send_signal(here().process, number)
 
 
+def set_wakeup_fd(descriptor: int, **_: object) -> int:
+    """As `signal.set_wakeup_fd`, for one who wants none: asyncio says so after each fork."""
+    if descriptor != -1:
+        raise NotSimulated("signal.set_wakeup_fd")
+    return -1
+
+
 def exit_now(code: int) -> None:
     """As `os._exit`."""
     here().end_process(here().process, code & 0xFF)
@@ -383,5 +390,6 @@ __all__ = [
     "raise_signal",
     "run_main",
     "set_handler",
+    "set_wakeup_fd",
     "threads",
 ]
