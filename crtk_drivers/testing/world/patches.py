@@ -232,7 +232,7 @@ def _put_processes() -> None:
             "signal": processes.set_handler,
             "getsignal": processes.get_handler,
             "raise_signal": processes.raise_signal,
-            "set_wakeup_fd": _set_wakeup_fd,
+            "set_wakeup_fd": processes.set_wakeup_fd,
         },
     )
     _put(os, {"kill": processes.kill, "_exit": processes.exit_now, "getpid": processes.getpid})
@@ -248,13 +248,6 @@ def _put_processes() -> None:
     _put(atexit, {"register": processes.at_exit, "unregister": processes.not_at_exit})
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         setattr(sys, name, processes.Standard(number))
-
-
-def _set_wakeup_fd(descriptor: int, **_: object) -> int:
-    """As `signal.set_wakeup_fd`, for those who want none: asyncio after each fork, from Python 3.12 on."""
-    if descriptor != -1:
-        raise NotSimulated("signal.set_wakeup_fd")
-    return -1
 
 
 def _ioctl(descriptor: int, request: int, argument: Any = 0, mutate: bool = True) -> Any:
