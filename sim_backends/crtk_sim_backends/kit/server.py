@@ -143,6 +143,11 @@ class LoopServer:
         if parent_fd is not None:
             self._loop.watch(parent_fd, lambda _: self.stop())
 
+    @property
+    def device(self) -> Device:
+        """What is simulated, for whoever judges by the simulator's own truth."""
+        return self._device
+
     def every(self, period: float, tick: Callable[[], object]) -> None:
         """Call `tick` every `period` seconds while it runs; what it is late by is made up for."""
         Ticker(self._loop, period, tick)
