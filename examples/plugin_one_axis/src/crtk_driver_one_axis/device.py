@@ -21,6 +21,7 @@ from crtk_drivers.device import (
     Capabilities,
     Condition,
     Device,
+    Following,
     JointLimits,
     Mode,
     Setpoint,
@@ -37,6 +38,8 @@ RATE = 100.0
 REMEDY = "Is the stage on, and is this its address?"
 SILENCE = 0.2
 """Seconds after which the stage stops by itself when it hears nothing."""
+FOLLOWING = Following(error=(0.02,), arrival=(1e-3,), lag=0.05)
+"""The stage makes up for an error of position within 0.04 s (1/e), and a command takes a report's time."""
 
 
 class OneAxisDevice(Linked[Report], Device):
@@ -63,6 +66,7 @@ class OneAxisDevice(Linked[Report], Device):
             measured=("measured_js",),
             rate=RATE,
             paced_by_stream=True,
+            following=FOLLOWING,
             transition_timeout=5.0,
             stop=StopPolicy(SILENCE, f"stops by itself {SILENCE} s after the last command"),
         )

@@ -22,11 +22,15 @@ class Stage:
 
     Args:
         travel: where the far end stop is; the near one is at 0.
+
+    Attributes:
+        time: that has passed for it.
     """
 
     def __init__(self, travel: float) -> None:
         self.kinds = KINDS
         self.travel = travel
+        self.time = 0.0
         self.position = travel / 2.0
         self.velocity = 0.0
         self.powered = False
@@ -64,6 +68,7 @@ class Stage:
 
     def advance(self, step: float) -> None:
         """Let `step` seconds pass."""
+        self.time += step
         self._silent_for += step
         if not self.powered or self.fault or self._silent_for > SILENCE:
             self._target, self._speed = None, 0.0
