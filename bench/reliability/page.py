@@ -20,7 +20,8 @@ INTRODUCTION: Final = f"""# Reliability
 
 Twenty faults, met by the drivers of [the matrix](#the-matrix) at their simulators, over the wire that the
 hardware has. Five drivers are [outside the matrix](#drivers-outside-the-matrix), which names the tests of
-their faults. This page is written by `python -m bench.faults --write` and by nothing else.
+their faults. `python -m bench.faults --write` writes this page, but for
+[simulated worlds](#simulated-worlds): `python -m bench.world --write` writes that section.
 `tests/all_devices/test_matrix.py` runs a part of the same table in CI (each way in which a driver meets
 a fault, and each activity); the command runs all of it: at rest, in each kind of stream and of move, and
 while a joint homes.
@@ -47,6 +48,7 @@ OUTSIDE: Final[Mapping[str, str]] = {
 """Drivers without a rig: where faults are injected into their simulators instead."""
 
 MATRIX: Final = "## The matrix"
+WORLDS: Final = "## Simulated worlds"
 _COLUMNS = (
     "Follows",
     "Ran",
@@ -172,4 +174,14 @@ def compose(old: str, measured: Mapping[str, str]) -> str:
         sections.append(
             measured.get(name) or before.get(heading) or f"{heading}\n\nNot measured yet."
         )
+    sections.append(before.get(WORLDS) or f"{WORLDS}\n\nNot run yet.")
     return "\n\n".join([INTRODUCTION.strip(), *sections]) + "\n"
+
+
+def with_worlds(old: str, section: str) -> str:
+    """Return the page with another section about simulated worlds."""
+    others = re.split(rf"^{WORLDS}$.*?(?=^## |\Z)", old, maxsplit=1, flags=re.MULTILINE | re.DOTALL)
+    return (
+        "\n\n".join(each.strip() for each in (others[0], section, *others[1:]) if each.strip())
+        + "\n"
+    )

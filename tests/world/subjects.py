@@ -1,7 +1,7 @@
 """The devices that are judged in a world: where their simulators' truth is, and what their pages promise.
 
-The scenarios are at the end: each device by each way of using it. This file is imported by the host of a
-world, in patched Python, so it imports no pytest.
+The scenarios are in `promises.py`. This file is imported by the host of a world, in patched Python, so it
+imports no pytest.
 """
 
 from __future__ import annotations

@@ -19,7 +19,6 @@ import shutil
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -124,9 +123,9 @@ def _run(scenarios: Any, request: dict[str, Any]) -> dict[str, Any]:
     for part in request["scenario"].split("."):
         scenario = getattr(scenario, part)
     if before := request.get("before"):
-        prepare: Callable[[], object] = getattr(scenarios, before)
-        prepare()
-    outcome = world.run(scenario)
+        module, _, name = before.rpartition(":")
+        getattr(importlib.import_module(module) if module else scenarios, name)()
+    outcome = world.run(lambda given: scenario(given, *request["arguments"]))
     if log and world.kernel.log is not None:
         Path(log).write_text("\n".join(world.kernel.log) + "\n")
     return outcome.to_json()

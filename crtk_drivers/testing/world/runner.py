@@ -7,6 +7,7 @@ import inspect
 import json
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -45,6 +46,7 @@ class Host:
             command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            start_new_session=True,  # it ends with its worlds, and Ctrl-C is for whoever asked for them
             env={**os.environ, "PYTHONHASHSEED": "0", "PYTHONPATH": path},
         )
         self._read = bytearray()
@@ -55,12 +57,29 @@ class Host:
         return self._process.stdout.fileno()
 
     def ask(
-        self, scenario: str, seed: int, *, before: str = "", log: str = "", **options: Any
+        self,
+        scenario: str,
+        seed: int,
+        *,
+        arguments: Sequence[Any] = (),
+        before: str = "",
+        log: str = "",
+        **options: Any,
     ) -> None:
-        """Begin to run a seed."""
+        """Begin to run a seed.
+
+        Args:
+            scenario: its function's name.
+            seed: of all that happens.
+            arguments: of the scenario, after the world.
+            before: name of a function that is called first; with ``module:`` before it, of another module.
+            log: file for every line of the trace.
+            options: of `World`.
+        """
         request = {
             "scenario": scenario,
             "seed": seed,
+            "arguments": list(arguments),
             "options": options,
             "before": before,
             "log": log,
@@ -103,13 +122,18 @@ class Host:
     def run(
         self, scenario: str, seed: int, *, patience: float = PATIENCE, **options: Any
     ) -> Outcome:
-        """Run a seed; see `World` for the options."""
+        """Run a seed; see `ask` for the options."""
         self.ask(scenario, seed, **options)
         return self.answer(patience)
 
+    def kill(self) -> None:
+        """End the process and its world, from any thread; whoever waits for an answer gets a WorldError."""
+        if self._process.poll() is None:
+            os.killpg(self._process.pid, signal.SIGKILL)  # a world that hangs is a child of it
+
     def close(self) -> None:
         """End the process; safe to repeat."""
-        self._process.kill()
+        self.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None and not pipe.closed:
@@ -152,7 +176,7 @@ def run(scenario: Callable[..., object], seed: int, **options: Any) -> Outcome:
     Args:
         scenario: a function at the top level of a file, which is imported anew where the world runs.
         seed: of all that happens.
-        options: of `World`.
+        options: of `Host.ask`.
 
     Raises:
         WorldError: it cannot be run.
@@ -181,7 +205,7 @@ def search(
         seeds: each in a world of its own.
         workers: how many at a time.
         preload: modules that are imported before the file.
-        options: of `World`.
+        options: of `Host.ask`.
     """
     waiting = deque(seeds)
     hosts = [Host(file, preload) for _ in range(min(workers, len(waiting)))]
@@ -212,20 +236,19 @@ def shrink(rerun: Callable[[Sequence[int]], Outcome], found: Outcome) -> Outcome
         found: a run with a finding.
     """
     best = found
-    kept = [number for number in range(found.troubles) if number not in found.without]
-    size = max(1, len(kept) // 2)
-    while kept:
+    # What is left out changes what the script does, and then it may meet troubles that it has not met before.
+    left_out = set(found.without)
+    size = max(1, len(found.kept))
+    while kept := best.kept:
+        size = min(size, len(kept))
         for start in range(0, len(kept), size):
-            rest = kept[:start] + kept[start + size :]
-            without = [number for number in range(found.troubles) if number not in rest]
-            tried = rerun(without)
+            more = left_out.union(kept[start : start + size])
+            tried = rerun(sorted(more))
             if tried.kinds & found.kinds:
-                best, kept = tried, rest
+                best, left_out = tried, more
                 break
         else:
             if size == 1:
                 break
-            size = max(1, size // 2)
-            continue
-        size = min(size, max(1, len(kept)))
+            size //= 2
     return best

@@ -8,11 +8,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from typing_extensions import override
+
 from crtk_drivers import plugins
 from crtk_drivers.engine import Engine
 from crtk_drivers.front import LocalDevice, connect
 from crtk_drivers.motion.stopping import still_speeds
+from crtk_drivers.samples import Stamp
 from crtk_drivers.session import start_sim_of
+from crtk_drivers.state import OperatingState, Status
+from crtk_drivers.status.board import Observer
 from crtk_drivers.testing.world.kernel import NS
 from crtk_drivers.testing.world.world import World
 
@@ -111,6 +116,7 @@ class Scene:
         speeds = still_speeds(arm.engine.capabilities, arm.engine.device.velocity_steps)
         self.still = _MARGIN * max(speeds, default=_STILL)
         self.arm = arm
+        arm.engine.add_observer(_Announced(self.world, arm.operating_state()))
         return arm
 
     @property
@@ -193,6 +199,23 @@ class Scene:
         return f"joint {joint}, every {1000 * PERIOD:g} ms: " + " ".join(
             f"{q[joint]:.5f}" for q in last
         )
+
+
+class _Announced(Observer):
+    """Adds each state that the driver announces to the story."""
+
+    def __init__(self, world: World, status: Status) -> None:
+        self._world = world
+        self._last = ""
+        self.status_changed(status)
+
+    @override
+    def status_changed(self, status: Status, stamp: Stamp | None = None) -> None:
+        # Why it is in FAULT is logged, and in the story by that.
+        why = f": {status.detail}" if status.detail and status.state != OperatingState.FAULT else ""
+        if (text := f"is {status.state}{why}") != self._last:
+            self._last = text
+            self._world.say(text)
 
 
 def _distance(one: Sequence[float], other: Sequence[float]) -> float:

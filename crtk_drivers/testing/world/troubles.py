@@ -7,6 +7,7 @@ world can be run again without some of them: so a failure is reduced to those th
 from __future__ import annotations
 
 import random
+from collections import Counter
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Final
@@ -92,6 +93,7 @@ _TRAITS: Final = (
     _Trait("doubled", 0.3, 0.02, "datagrams come twice"),
     _Trait("cut", 0.3, 0.02, "pieces of a stream come in two"),
 )
+_STALLS: Final = "threads are kept from running"
 
 
 class Troubles:
@@ -104,6 +106,7 @@ class Troubles:
 
     Attributes:
         count: of the troubles that were drawn, those left out among them.
+        struck: how many took effect, by kind.
     """
 
     def __init__(
@@ -122,6 +125,7 @@ class Troubles:
         self._random = kernel.stream("troubles")
         self._moments = kernel.stream("moments")
         self.count = 0
+        self.struck: Counter[str] = Counter()
 
     def _admits(self) -> int | None:
         """Give the next trouble its number; None if it is left out."""
@@ -137,14 +141,14 @@ class Troubles:
             has_it, share = draw.random() < trait.chance, draw.random() * trait.most
             if has_it and (number := self._admits()) is not None:
                 setattr(self._weather, trait.name, share)
+                self.struck[trait.text] += 1
                 late = f" by up to {self._weather.lateness:g} s" if trait.name == "late" else ""
                 self._tell(f"[{number}] {trait.text}{late}: {100.0 * share:.2g} %")
         stall = draw.choice((0.0, 0.0003, 0.002))
         if stall and (number := self._admits()) is not None:
             self._kernel.stall_share = stall
-            self._tell(
-                f"[{number}] threads are kept from running for up to 0.03 s: {100.0 * stall:.2g} %"
-            )
+            self.struck[_STALLS] += 1
+            self._tell(f"[{number}] {_STALLS} for up to 0.03 s: {100.0 * stall:.2g} %")
 
     def storm(self, begin: float, end: float, most: int) -> None:
         """Let up to `most` faults come at random times, between two times from now (s)."""
@@ -170,9 +174,11 @@ class Troubles:
     def _strike(self, number: int, name: str, seconds: float, chosen: float) -> None:
         text = _FAULTS[name](self, seconds, chosen)
         self._kernel.note("trouble", number, name)
-        self._tell(f"[{number}] {text}")
+        if text:
+            self.struck[name] += 1
+            self._tell(f"[{number}] {text}")
 
-    # What can strike; `chosen`, from 0 to 1, picks one of several victims
+    # What can strike; `chosen`, from 0 to 1, picks one of several victims. Without a victim, no text.
 
     def _block(self, seconds: float, _: float) -> str:
         self._weather.blocked_until = self._kernel.now + int(seconds * NS)
@@ -181,7 +187,7 @@ class Troubles:
     def _reset(self, _: float, chosen: float) -> str:
         streams = self._network.streams
         if not streams:
-            return "no connection to reset"
+            return ""
         victim = streams[int(chosen * len(streams))]
         victim.reset()
         return f"the connection {victim.name} to {victim.peer_name} is reset"
@@ -201,7 +207,7 @@ class Troubles:
             if task.process.alive and not task.ended and task is not task.process.main
         ]
         if not alive:
-            return "no thread to freeze"
+            return ""
         victim = alive[int(chosen * len(alive))]
         self._kernel.freeze(victim, seconds)
         return f"the thread {victim} stands still for {seconds:.3g} s"
@@ -212,6 +218,8 @@ class Troubles:
         return f"the wall clock is set by {step / NS:+.1f} s"
 
 
+WEATHER: Final = (*(trait.text for trait in _TRAITS), _STALLS)
+"""Kinds of bad weather, as they are counted."""
 _FAULTS: Final[dict[str, Callable[[Troubles, float, float], str]]] = {
     "block": Troubles._block,  # noqa: SLF001 - this table belongs to the class
     "reset": Troubles._reset,  # noqa: SLF001
@@ -219,3 +227,5 @@ _FAULTS: Final[dict[str, Callable[[Troubles, float, float], str]]] = {
     "freeze thread": Troubles._freeze_thread,  # noqa: SLF001
     "step clock": Troubles._step_clock,  # noqa: SLF001
 }
+FAULTS: Final = tuple(_FAULTS)
+"""Kinds of faults, as they are counted."""

@@ -58,7 +58,7 @@ class World:
 
     def say(self, text: str) -> None:
         """Add a line to the story."""
-        self._add(self.kernel.process.name, text)
+        self._add(self._speaker, text)
 
     def find(self, kind: str, text: str) -> None:
         """Report that something is wrong, which ends the world."""
@@ -111,6 +111,11 @@ class World:
         """Monotonic clock, s; looking costs no time and lets nobody else go on."""
         return self.kernel.now / kernels.NS
 
+    @property
+    def story(self) -> tuple[Line, ...]:
+        """What has happened by now."""
+        return tuple(self._story)
+
     # The run
 
     def run(self, scenario: Scenario) -> Outcome:
@@ -136,15 +141,21 @@ class World:
             over=kernel.over,
             hash=kernel.hash,
             findings=tuple(Finding(*each) for each in kernel.findings),
-            story=tuple(self._story),
+            story=self.story,
             troubles=self.troubles.count,
-            without=self._without,
+            without=tuple(each for each in self._without if each < self.troubles.count),
+            struck=dict(self.troubles.struck),
             virtual=kernel.seconds,
             cpu=kernel.cpu,
             switches=kernel.switches,
             packets=self.network.packets,
             result=returned[0] if returned else None,
         )
+
+    @property
+    def _speaker(self) -> str:
+        """Process and thread that speak."""
+        return "the world" if self.kernel.current is None else str(self.kernel.current)
 
     def _add(self, who: str, text: str) -> None:
         self._story.append(Line(self.kernel.seconds, who, text[:_LONGEST_LINE]))
@@ -154,7 +165,7 @@ class World:
 
     def tell_record(self, record: logging.LogRecord) -> None:
         """Add what a program has logged."""
-        self._add(self.kernel.process.name, f"{record.levelname} {record.getMessage()}")
+        self._add(self._speaker, f"{record.levelname} {record.getMessage()}")
 
     def _thread_died(self, what: Any) -> None:
         if issubclass(what.exc_type, SystemExit):

@@ -1,0 +1,30 @@
+"""The scenarios in which every device of the table is judged: each takes a world and the device's name.
+
+This file is imported by the host of a world, in patched Python, so it imports no pytest.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from world.subjects import SUBJECTS
+
+from crtk_drivers.testing.world import World, user
+
+SCENARIOS: Final = ("use", "farewell", "die")
+"""Names of the functions below."""
+
+
+def use(world: World, device: str) -> None:
+    """Use a device in any way, and close it."""
+    user.use(world, SUBJECTS[device])
+
+
+def farewell(world: World, device: str) -> None:
+    """Let a fault and `close` come within milliseconds of each other."""
+    user.farewell(world, SUBJECTS[device])
+
+
+def die(world: World, device: str) -> None:
+    """Kill a device's driver while it works."""
+    user.die(world, SUBJECTS[device])

@@ -1,0 +1,67 @@
+"""The promises of every driver at fixed seeds, at seeds that once failed, and at two new ones each time.
+
+What a failure prints ends with the command that runs it again. `python -m bench.world` searches for hours.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Final
+
+import pytest
+
+from bench.reliability.worlds import DEVICES, SCENARIOS, Case, Runner, shrunk, story
+
+FIXED: Final = {
+    "use": ((1, True), (2, True), (3, False)),
+    "farewell": ((1, True), (2, True), (3, True)),
+    "die": ((1, True), (2, False)),
+}
+"""Of each device: seeds, and whether the world is wild."""
+
+KEPT: Final[dict[Case, str]] = {}
+"""Every case that ever failed, and what was wrong."""
+
+NEW: Final = 2
+"""Seeds that nobody has tried, for each device and run of the tests."""
+
+
+@pytest.fixture(scope="module")
+def runner() -> Iterator[Runner]:
+    with Runner() as made:
+        yield made
+
+
+def judged(runner: Runner, case: Case) -> None:
+    """Run a case; what it finds fails, as the story of the fewest troubles that it needs."""
+    outcome = runner.run(case)
+    if outcome.findings:
+        pytest.fail(story(case, shrunk(runner, case, outcome)), pytrace=False)
+
+
+def test_every_scenario_has_fixed_seeds() -> None:
+    assert set(FIXED) == set(SCENARIOS)
+
+
+@pytest.mark.sweep(3)
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize(
+    ("scenario", "seed", "wild"), [(name, *each) for name, some in FIXED.items() for each in some]
+)
+def test_fixed_seeds_find_nothing(
+    runner: Runner, device: str, scenario: str, seed: int, wild: bool
+) -> None:
+    judged(runner, Case(device, scenario, seed, wild))
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_new_seeds_find_nothing(runner: Runner, device: str) -> None:
+    now = time.time_ns() // 1_000_000
+    for seed in range(now, now + NEW):
+        judged(runner, Case(device, SCENARIOS[seed % len(SCENARIOS)], seed))
+
+
+@pytest.mark.parametrize("case", KEPT, ids=str)
+def test_kept_seeds_find_nothing(runner: Runner, case: Case) -> None:
+    judged(runner, case)
