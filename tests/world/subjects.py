@@ -49,6 +49,11 @@ _GEAR: Final = 100.0
 _COUNTS: Final = 100_000 / math.tau
 """Of a joint, in one rad: as the drivers' own typical joints have it."""
 
+_WITHOUT_GRAVITY: Final = ",".join(
+    f"{number}:{model}" for number, model in enumerate(3 * ["xm540-w270"] + 4 * ["xm430-w350"], 1)
+)
+"""The servos of the usual arm. `disable` takes their torque away, and joints would fall for good reason."""
+
 SUBJECTS: Final = {
     "robotiq": Subject(
         device="robotiq",
@@ -71,6 +76,7 @@ SUBJECTS: Final = {
     ),
     "dynamixel": Subject(
         device="dynamixel",
+        sim_options={"servos": _WITHOUT_GRAVITY},
         truth=_dynamixel,
         error=0.01,
         early=0.03,

@@ -14,13 +14,20 @@ from typing_extensions import override
 
 from crtk_drivers.engine.threads import STALL_LIMIT, WATCHDOG_PERIOD
 from crtk_drivers.samples import JointState
-from crtk_drivers.testing.world.kernel import NS, Task
+from crtk_drivers.testing.world.kernel import EPOCH, NS, Task
 from crtk_drivers.testing.world.subject import PERIOD, Scene
 
 _LOOKS: Final = 0.2
 """s that it may take until a change shows: a speed is measured over 20 ms, and cycles take time."""
 _SETTLED: Final = 0.7
 """s after a process stood still in which samples are old for good reason."""
+_STANDS: Final = 0.4
+"""s after which nothing that was sent before is on its way."""
+_OVERSPEED: Final = 1.25
+_LONG: Final = 100
+"""Looks over which a simulator that was held up has caught up."""
+_CLOCKS: Final = 0.001
+"""s by which the two clocks of a stamp, read one after the other, may differ."""
 _HELD: Final = NS // 5
 """ns in which a thread that stood still counts as disturbed."""
 
@@ -85,6 +92,73 @@ class Rests(Judge):
         )
 
 
+class Asked(Judge):
+    """From the end of what somebody has asked for, to the next."""
+
+    kind = "moves though nobody asks"
+    promise = "Nothing moves but what somebody has asked for, and that ends."
+
+    def __init__(self) -> None:
+        self._stood_since = math.inf
+        self._rests = False
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        engine = scene.engine
+        if engine is None or scene.closing is not None:
+            return None
+        is_moving = scene.is_moving
+        if not engine.transition_ended:
+            scene.asked = max(scene.asked, scene.now)
+            self._rests &= not (is_moving and engine.capabilities.enable_moves)
+        elif scene.is_asked:
+            self._rests, self._stood_since = False, math.inf
+        if not is_moving:
+            self._stood_since = min(self._stood_since, scene.now)
+            since = max(self._stood_since, scene.asked, scene.hindered)
+            is_still = engine._stopping.confirmed and scene.now > since + _STANDS  # noqa: SLF001
+            self._rests |= is_still
+            return None
+        self._stood_since = math.inf
+        if self._rests:
+            return f"it stood, and moves with {scene.speed:.3g}; {self._told(scene)}"
+        stop = engine.capabilities.stop
+        allowed = stop.time + _LOOKS + _STANDS
+        if engine.status.state != "ENABLED":
+            allowed += stop.link_timeout
+        if scene.now > max(scene.asked, scene.hindered) + allowed:
+            return f"it moves still with {scene.speed:.3g}; {self._told(scene)}"
+        return None
+
+    @staticmethod
+    def _told(scene: Scene) -> str:
+        return f"the last motion was asked for until {scene.now - scene.asked:.3f} s ago"
+
+
+class Limits(Judge):
+    """While the driver is there."""
+
+    kind = "beyond its limits"
+    promise = "No joint is sent out of its range, or faster than it may be."
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        engine = scene.engine
+        if engine is None:
+            return None
+        fast = max(limit.velocity for limit in engine.capabilities.limits)
+        speed = scene.speed_over(_LONG)
+        if speed > _OVERSPEED * fast + scene.still:
+            return f"it moves with {speed:.3g}, and {fast:.3g} are allowed: {scene.recent(_LONG)}"
+        within = scene.arrival
+        for limit, joint in zip(engine.capabilities.limits, scene.joints, strict=True):
+            if not limit.lower - within <= joint <= limit.upper + within:
+                return (
+                    f"a joint is at {joint:.4g}, and goes from {limit.lower:g} to {limit.upper:g}"
+                )
+        return None
+
+
 class AfterDeath(Judge):
     """Once the driver's process is gone."""
 
@@ -127,21 +201,27 @@ class StopBelieved(Judge):
     promise = "A stop counts only once the device has come to stand."
 
     def __init__(self) -> None:
-        self._was_confirmed = self._stood = True
+        self._waits = self._stood = False
 
     @override
     def look(self, scene: Scene) -> str | None:
         if scene.engine is None:
             return None
-        confirmed = scene.engine._stopping.confirmed  # noqa: SLF001 - a judge looks where nobody else may
-        if self._was_confirmed and not confirmed:
-            scene.moves_again, self._stood = False, False
+        if not scene.stop_counts:
+            self._waits = False
+            return None
+        if not self._waits:
+            self._waits, self._stood = True, False
         self._stood = self._stood or scene.stands_now
-        is_believed = confirmed and not self._was_confirmed and not scene.moves_again
-        self._was_confirmed = confirmed
-        if is_believed and not self._stood:
-            return f"a stop is believed, and it has not stood since: {scene.recent(12)}"
-        return None
+        is_believed = scene.engine._stopping.confirmed  # noqa: SLF001 - a judge looks where nobody else may
+        if not is_believed:
+            return None
+        self._waits = scene.stop_counts = False
+        return (
+            None
+            if self._stood
+            else (f"a stop is believed, and it has not stood since: {scene.recent(12)}")
+        )
 
 
 class Fresh(Judge):
@@ -156,6 +236,7 @@ class Fresh(Judge):
         if engine is None or engine.status.state != "ENABLED" or _is_disturbed(scene):
             return None
         age = engine._feedback.sample_age(scene.now)  # noqa: SLF001
+        age = max(age, scene.now - scene.silent)  # whatever the driver believes
         if age <= engine.options.sample_timeout + _LOOKS + 0.05:
             return None
         return (
@@ -169,20 +250,29 @@ class Stamped(Judge):
     kind = "a stamp is wrong"
     promise = "A position was where its stamp says it was; stale data is never stamped fresh."
 
+    def __init__(self) -> None:
+        self._offset, self._set_at = 0, -math.inf
+
     @override
     def look(self, scene: Scene) -> str | None:
-        engine = scene.engine
+        engine, kernel = scene.engine, scene.world.kernel
+        if kernel.wall_offset != self._offset:
+            self._offset, self._set_at = kernel.wall_offset, scene.now
         found = None if engine is None or _is_disturbed(scene) else engine.feedback("measured_js")
-        if found is None:
+        if engine is None or found is None:
             return None
         value, stamp = found
-        if not (
-            isinstance(value, JointState) and stamp.wall_ns and scene.now - stamp.monotonic < 0.1
-        ):
+        if not (isinstance(value, JointState) and stamp.wall_ns):
             return None
         position, at = value.position.tolist(), stamp.monotonic
-        if not all(map(math.isfinite, position)):
-            return f"measured_js is {position}, and published as valid"
+        if not all(map(math.isfinite, [*position, *value.velocity, *value.effort])):
+            return f"measured_js is {value}, and published as valid"
+        if scene.now - at > engine.stale_after + _CLOCKS:
+            return f"measured_js is valid, and {scene.now - at:.4f} s old"
+        wall = (stamp.wall_ns - EPOCH - self._offset) / NS
+        was_set = scene.now < self._set_at + _SETTLED
+        if at > scene.now + _CLOCKS or not (was_set or abs(wall - at) < _CLOCKS):
+            return f"the stamp is {stamp}, of two moments or to come"
         begin, end = at - scene.subject.early - PERIOD, min(scene.now, at + scene.subject.late)
         if scene.was_at(position, begin, end, scene.subject.error):
             return None
@@ -237,7 +327,18 @@ def _is_disturbed(scene: Scene) -> bool:
     )
 
 
-JUDGES: Final = (Unasked, Rests, AfterDeath, AfterClose, StopBelieved, Fresh, Stamped, Stuck)
+JUDGES: Final = (
+    Unasked,
+    Rests,
+    Asked,
+    Limits,
+    AfterDeath,
+    AfterClose,
+    StopBelieved,
+    Fresh,
+    Stamped,
+    Stuck,
+)
 """All of them."""
 
 

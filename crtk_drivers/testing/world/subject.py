@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -13,12 +14,13 @@ from typing_extensions import override
 from crtk_drivers import plugins
 from crtk_drivers.engine import Engine
 from crtk_drivers.front import LocalDevice, connect
+from crtk_drivers.motion.move import Move
 from crtk_drivers.motion.stopping import still_speeds
 from crtk_drivers.samples import Stamp
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.board import Observer
-from crtk_drivers.testing.world.kernel import NS
+from crtk_drivers.testing.world.kernel import NS, Process
 from crtk_drivers.testing.world.world import World
 
 PERIOD: Final = 0.002
@@ -79,26 +81,36 @@ class Scene:
         enabled: when it was ENABLED last.
         disturbed: when a process stood still last.
         still: rad/s (m/s) below which a joint stands, by what the driver declares.
-        moves_again: whether a motion was begun on purpose since the last stop.
+        hindered: when last a process or an I/O thread stood still, or the network let nothing pass.
+        silent: since when the simulator cannot have sent anything; infinite while it can.
+        stop_counts: whether a stop was begun, and no motion on purpose since.
+        asked: until when somebody has asked for a motion.
+        driver: the process of the driver; None before it begins.
     """
 
     def __init__(self, world: World, subject: Subject) -> None:
         self.world = world
         self.subject = subject
+        before = list(world.kernel.processes)
         plugin = plugins.device(subject.device)
         config = plugin.load_config(None, dict(subject.config))
         self.sim = start_sim_of(plugin, config, subject.sim_options)
         assert plugin.sim is not None
         simulator: Any = plugins.simulator(plugin.sim)
         self._server = simulator.serving[-1]
+        self._simulators = [each for each in world.kernel.processes if each not in before]
         self._pointed = plugin.sim_config(config, self.sim).model_dump(exclude_unset=True)
         self.arm: LocalDevice | None = None
         self.closing: float | None = None
         self.closed: float | None = None
         self.died: float | None = None
-        self.enabled = self.disturbed = world.now
-        self.moves_again = False
         self.still = _STILL
+        self.enabled = self.disturbed = self.hindered = self.asked = world.now
+        self.silent = math.inf
+        self.stop_counts = False
+        self.driver: Process | None = None
+        self._moves: list[Move] = []
+        self._senders = 0
         self._looks: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_REMEMBERED)
         self.look()
 
@@ -106,13 +118,18 @@ class Scene:
         """Connect the driver."""
         arm = connect(self.subject.device, config=self._pointed, timeout=_PATIENCE)
         stopping = arm.engine._stopping  # noqa: SLF001 - a judge looks where nobody else may
-        plain = stopping.moves_again
+        plain_again, plain_stop = stopping.moves_again, stopping.stop
 
         def moves_again() -> None:
-            self.moves_again = True
-            plain()
+            self.stop_counts = False
+            plain_again()
+
+        def stop() -> None:
+            self.stop_counts = True
+            plain_stop()
 
         stopping.moves_again = moves_again  # type: ignore[method-assign]
+        stopping.stop = stop  # type: ignore[method-assign]
         speeds = still_speeds(arm.engine.capabilities, arm.engine.device.velocity_steps)
         self.still = _MARGIN * max(speeds, default=_STILL)
         self.arm = arm
@@ -141,6 +158,42 @@ class Scene:
         """Monotonic clock, s."""
         return self.world.now
 
+    # What was asked for
+
+    @contextmanager
+    def sending(self, *, silence: float = 0.0) -> Iterator[None]:
+        """Send something within that may move the device.
+
+        Args:
+            silence: s for which a stream goes on after it.
+        """
+        self._senders += 1
+        try:
+            yield
+        finally:
+            self._senders -= 1
+            self.asked = max(self.asked, self.now + silence)
+
+    def sent(self, move: Move) -> None:
+        """Remember a move: it is asked for as long as it has not ended."""
+        self._moves.append(move)
+
+    @contextmanager
+    def stopping(self) -> Iterator[None]:
+        """Send a stop within: where it is accepted, what was asked for before it is over."""
+        before = list(self._moves)
+        yield
+        self._moves = [move for move in self._moves if move not in before]
+        self.asked = min(self.asked, self.now)
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether somebody asks for a motion now: by a command that is being sent, a move or a stream."""
+        self._moves = [move for move in self._moves if move.is_busy()]
+        if self._senders or self._moves:
+            self.asked = max(self.asked, self.now)
+        return self.asked >= self.now
+
     # The truth
 
     def look(self) -> None:
@@ -152,6 +205,11 @@ class Scene:
             p.frozen_until >= kernel.now - _UNDISTURBED * NS for p in kernel.processes if p.alive
         ):
             self.disturbed = now
+        held = any(task.frozen_until >= kernel.now for task in kernel.tasks if not task.ended)
+        if held or self.disturbed == now or self.world.troubles.block:
+            self.hindered = now
+        is_silent = all(p.frozen_until > kernel.now or not p.alive for p in self._simulators)
+        self.silent = min(self.silent, now) if is_silent else math.inf
         if self.engine is not None and self.engine.status.state == "ENABLED":
             self.enabled = now
 
@@ -163,8 +221,12 @@ class Scene:
     @property
     def speed(self) -> float:
         """Of the fastest joint over the last 20 ms, in rad/s (m/s)."""
+        return self.speed_over(_SPEED_OVER)
+
+    def speed_over(self, looks: int) -> float:
+        """Return the speed of the fastest joint over so many looks, in rad/s (m/s)."""
         at, last = self._looks[-1]
-        begin, before = self._looks[max(0, len(self._looks) - 1 - _SPEED_OVER)]
+        begin, before = self._looks[max(0, len(self._looks) - 1 - looks)]
         return _distance(last, before) / (at - begin) if at > begin else 0.0
 
     @property

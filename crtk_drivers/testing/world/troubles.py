@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -127,6 +127,11 @@ class Troubles:
         self.count = 0
         self.struck: Counter[str] = Counter()
 
+    @property
+    def block(self) -> bool:
+        """Whether the network lets nothing pass now."""
+        return self._weather.blocked_until >= self._kernel.now
+
     def _admits(self) -> int | None:
         """Give the next trouble its number; None if it is left out."""
         number, self.count = self.count, self.count + 1
@@ -156,6 +161,12 @@ class Troubles:
         for _ in range(draw.randrange(most + 1)):
             self._plan(begin + (end - begin) * draw.random(), draw)
 
+    def set_clocks(self, begin: float, end: float, most: int) -> None:
+        """Let the wall clock be set up to `most` times, between two times from now (s)."""
+        draw = self._random
+        for _ in range(draw.randrange(most + 1)):
+            self._plan(begin + (end - begin) * draw.random(), draw, ("step clock",))
+
     def around(self, seconds: float, chance: float = 0.3) -> None:
         """Let a fault come within so many s from now, by chance: something important happens meanwhile."""
         draw = self._moments
@@ -163,8 +174,8 @@ class Troubles:
         if is_chosen:
             self._plan(delay, draw)
 
-    def _plan(self, delay: float, draw: random.Random) -> None:
-        name = draw.choice(tuple(_FAULTS))
+    def _plan(self, delay: float, draw: random.Random, names: Sequence[str] = ()) -> None:
+        name = draw.choice(names or tuple(_FAULTS))
         seconds = draw.choice(LENGTHS) * (0.5 + draw.random())
         chosen = draw.random()
         number = self._admits()

@@ -1,0 +1,417 @@
+"""Mistakes that are planted into the product, each in one world, to see that judges and user find them.
+
+Each function patches the product, which the host of a world calls before that begins. What it says of itself
+is what is wrong. This file is imported in patched Python, so it imports no pytest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import threading
+import time
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from world.subjects import SUBJECTS
+
+from crtk_driver_dynamixel import device as dynamixel_device
+from crtk_driver_dynamixel import part as dynamixel_part
+from crtk_driver_ur.rtde.stream import RtdeStream
+from crtk_drivers.device import MoveProgress
+from crtk_drivers.engine import cycle as engine_cycle
+from crtk_drivers.engine.intake import Intake
+from crtk_drivers.engine.threads import BusThread
+from crtk_drivers.engine.transitions import Transitions
+from crtk_drivers.errors import CommandRefused, DeviceError
+from crtk_drivers.kit import modbus_frames
+from crtk_drivers.kit.gripping.gripper_device import GripperDevice
+from crtk_drivers.kit.request_worker import RequestWorker
+from crtk_drivers.motion.arbiter import Arbiter
+from crtk_drivers.motion.stopping import Stopping
+from crtk_drivers.samples import Sample, Stamp, vector
+from crtk_drivers.state import StateCommand
+from crtk_drivers.testing.world import user
+
+USE, CALM, FAREWELL, DIE = "use", "calm", "farewell", "die"
+
+SCENARIOS: Final = SimpleNamespace(
+    **{
+        f"{name}_{way}": functools.partial(scenario, subject=subject)
+        for name, subject in SUBJECTS.items()
+        for way, scenario in {
+            USE: user.use,
+            CALM: user.use,
+            FAREWELL: user.farewell,
+            DIE: user.die,
+        }.items()
+    }
+)
+"""Each device by each way of using it."""
+
+
+class Planted(NamedTuple):
+    """A mistake.
+
+    Attributes:
+        plant: makes it.
+        text: what is wrong.
+        device: in whose driver it is looked for.
+        way: how that is used; all but `CALM` in bad weather.
+        kinds: of findings that count as finding it.
+        seeds: that may be needed at most, from 1 on.
+    """
+
+    plant: Callable[[], None]
+    text: str
+    device: str
+    way: str
+    kinds: frozenset[str]
+    seeds: int
+
+    @property
+    def scenario(self) -> str:
+        """Its name in this file."""
+        return f"SCENARIOS.{self.device}_{self.way}"
+
+
+PLANTED: Final[dict[str, Planted]] = {}
+"""All of them, by name."""
+
+
+def planted(
+    device: str, way: str, *kinds: str, seeds: int
+) -> Callable[[Callable[[], None]], Callable[[], None]]:
+    """Enter a function into the table."""
+
+    def enter(plant: Callable[[], None]) -> Callable[[], None]:
+        text = (plant.__doc__ or "").strip()
+        PLANTED[plant.__name__] = Planted(plant, text, device, way, frozenset(kinds), seeds)
+        return plant
+
+    return enter
+
+
+MOVES = "moves though nobody asks"
+NOT_ENABLED = "moves when not enabled"
+BELIEVED = "a stop is believed too early"
+STAMP = "a stamp is wrong"
+OLD = "enabled with an old sample"
+HORIZON = "not done at the horizon"
+LEFT = "close leaves something behind"
+REASONLESS = "refused without a reason"
+
+
+# ------------------------------------------------------------------------------------------------ stops
+
+
+@planted("robotiq", USE, BELIEVED, seeds=10)
+def stop_is_believed_at_once() -> None:
+    """A stop is sent once, and believed at once."""
+    plain = Stopping.stop
+
+    def stop(self: Any) -> None:
+        plain(self)
+        self._watches = False
+
+    Stopping.stop = stop
+
+
+@planted("dynamixel", USE, MOVES, NOT_ENABLED, BELIEVED, seeds=10)
+def servos_are_not_told_to_stop() -> None:
+    """A stop of servos on their way to a position is asked for, and counts as done."""
+    dynamixel_part.Part.ask_to_stop = lambda self: None
+
+
+@planted("robotiq", USE, "a stop is refused", seeds=10)
+def stop_is_refused_when_not_enabled() -> None:
+    """`hold` is refused where the device is not ENABLED, or a state command is being carried out."""
+    plain = Intake._hold
+
+    def hold(self: Any, command: Any, client: Any, received_ns: int) -> None:
+        self._require_enabled(command.name)
+        plain(self, command, client, received_ns)
+
+    Intake._hold = hold
+
+
+@planted("robotiq", USE, "a stop waits", seeds=10)
+def stop_waits_for_the_check_of_a_move() -> None:
+    """A move is judged, which may take a second, under a lock that a stop needs."""
+    plain, own = Intake.submit, threading.Lock()
+
+    def submit(self: Any, name: str, *args: Any, **named: Any) -> Any:
+        with own:
+            if name == "move_jp":
+                time.sleep(1.0)
+            return plain(self, name, *args, **named)
+
+    Intake.submit = submit
+
+
+@planted("robotiq", USE, MOVES, seeds=40)
+def move_is_carried_out_after_a_stop() -> None:
+    """A move that waits in the mailbox while a stop comes is carried out after that."""
+    plain = Arbiter.take
+
+    def put(self: Any, order: Any, now: float, client: Any = None) -> Any:
+        waiting = self._order
+        found = plain_put(self, order, now, client)
+        if order.name == "hold" and waiting is not None and waiting.move is not None:
+            self._kept = waiting
+            return None
+        return found
+
+    def take(self: Any, *args: Any) -> Any:
+        found = plain(self, *args)
+        kept = self.__dict__.pop("_kept", None) if found is None else None
+        return found or kept
+
+    plain_put = Arbiter.put
+    Arbiter.put, Arbiter.take = put, take
+
+
+@planted("dynamixel", USE, MOVES, NOT_ENABLED, seeds=10)
+def pause_leaves_the_motion() -> None:
+    """`pause` ends what the driver does, and tells the hardware nothing."""
+    plain = Transitions._begin
+
+    def begin(self: Any, running: Any, now: float) -> Any:
+        if running.command is StateCommand.PAUSE and not running.stops:
+            running.stops = True
+            self._end_motion("pause")
+        return plain(self, running, now)
+
+    Transitions._begin = begin
+
+
+# ------------------------------------------------------------------------- what moves nothing by itself
+
+
+@planted("robotiq", USE, MOVES, NOT_ENABLED, seeds=20)
+def connection_goes_on_with_the_old_move() -> None:
+    """After a link was lost, an old move is sent again."""
+    plain_move, plain_open = GripperDevice.move, GripperDevice.open
+
+    def move(self: Any, goal: Any) -> None:
+        plain_move(self, goal)
+        self.__dict__.setdefault("_last_goal", self._asked)
+
+    def open_again(self: Any, deadline: float) -> None:
+        plain_open(self, deadline)
+        if order := self.__dict__.get("_last_goal"):
+            self._hand.go(order, at_once=True)
+
+    GripperDevice.move, GripperDevice.open = move, open_again
+
+
+# --------------------------------------------------------------------------- watchdogs, and who stands still
+
+
+@planted("robotiq", USE, "a stuck thread is no fault", seeds=20)
+def nobody_looks_after_the_io_thread() -> None:
+    """The watchdog finds nothing wrong with an I/O thread."""
+    BusThread.trouble = lambda self, now: ""
+
+
+@planted("robotiq", USE, OLD, seeds=10)
+def nobody_looks_at_the_age_of_samples() -> None:
+    """A link that brings no samples counts as alive."""
+
+    class Blind(engine_cycle.Deadman):
+        def expired(self, now: float) -> bool:
+            return False
+
+    engine_cycle.Deadman = Blind
+
+
+@planted("robotiq", USE, "a thread died", seeds=20)
+def io_thread_ends_by_an_exception() -> None:
+    """An unexpected error in a cycle ends the I/O thread."""
+
+    def serve(self: Any, member: Any, deadline: float) -> bool:
+        engine = member.engine
+        try:
+            if engine.connected:
+                engine.cycle(deadline)
+                if engine.has_sample:
+                    member.reconnect.succeeded()
+            elif time.monotonic() >= member.reconnect.next_try:
+                self._open(member)
+        except DeviceError as error:
+            self._lose(member, error.statement, error.remedy)
+            raise
+        return True
+
+    BusThread._serve = serve
+
+
+# ------------------------------------------------------------------------------------------------ threads
+
+
+@planted("ur", FAREWELL, LEFT, seeds=10)
+def worker_is_never_ended() -> None:
+    """A worker is told that it is to end, and is not woken."""
+
+    def stop(self: Any) -> None:
+        self._stopped = True
+        self._interrupt()
+
+    RequestWorker.stop = stop
+
+
+@planted("ur", FAREWELL, LEFT, seeds=10)
+def descriptor_is_left_open() -> None:
+    """A stream that is closed keeps the descriptor by which it is woken."""
+    plain = RtdeStream._release
+
+    def release(self: Any) -> None:
+        self._wake = -1
+        plain(self)
+
+    RtdeStream._release = release
+
+
+# -------------------------------------------------------------------------------------------------- stamps
+
+
+@planted("robotiq", USE, STAMP, OLD, seeds=20)
+def old_position_is_stamped_fresh() -> None:
+    """A cycle without an answer publishes the last position again, with a new stamp."""
+    plain = GripperDevice.read
+
+    def read(self: Any, deadline: float) -> Any:
+        found = plain(self, deadline)
+        last = self.__dict__.get("_last_sample")
+        self._last_sample = found or last
+        return found or (last and dataclasses.replace(last, stamp=Stamp.now()))
+
+    GripperDevice.read = read
+
+
+@planted("dynamixel", USE, STAMP, seeds=30)
+def servo_that_is_silent_counts_as_read() -> None:
+    """Joints of which nothing was heard have the stamp of those that answered."""
+    chain = dynamixel_device._ChainDevice
+
+    def acquired(self: Any, frame: Any) -> Any:
+        return frame.stamp, np.ones_like(self.part.own(frame.valid)), True
+
+    chain._acquired = acquired
+
+
+@planted("robotiq", USE, STAMP, seeds=10)
+def unknown_position_is_a_number() -> None:
+    """A value that is not known is NaN in a sample that is valid."""
+    plain = GripperDevice.read
+
+    def read(self: Any, deadline: float) -> Any:
+        found = plain(self, deadline)
+        if found is None or not self._hand.is_told:
+            return found
+        state = found.values["measured_js"]
+        unknown = dataclasses.replace(state, velocity=vector([float("nan")]))
+        return dataclasses.replace(found, values={**found.values, "measured_js": unknown})
+
+    GripperDevice.read = read
+    Sample.not_finite = property(lambda self: "")
+
+
+@planted("robotiq", USE, STAMP, seeds=20)
+def stamp_has_the_clock_of_the_wall() -> None:
+    """The age of a sample is reckoned on the wall clock, which may be set."""
+    offset = time.monotonic_ns
+
+    def now(cls: Any) -> Any:
+        wall = time.time_ns()
+        begin = cls.__dict__.get("_begin") or (wall, offset())
+        cls._begin = begin
+        return cls(wall, (wall - begin[0] + begin[1]) / 1e9)
+
+    Stamp.now = classmethod(now)
+
+
+# ---------------------------------------------------------------------------------------------------- wires
+
+
+@planted("robotiq", USE, STAMP, BELIEVED, "reached too early", seeds=30)
+def answer_to_an_earlier_question_counts() -> None:
+    """An answer is not compared with the question that waits for one."""
+
+    def feed(self: Any, data: bytes) -> bytes | None:
+        self._rest += data
+        if len(self._rest) < 8 or len(self._rest) < 6 + self._rest[5]:
+            return None
+        frame, self._rest = self._rest[: 6 + self._rest[5]], self._rest[6 + self._rest[5] :]
+        return frame[7:]
+
+    modbus_frames.Mbap.feed = feed
+
+
+@planted("robotiq", USE, STAMP, MOVES, "beyond its limits", seeds=30)
+def piece_of_an_answer_counts_as_all() -> None:
+    """What has come of an answer is taken for all of it; what is missing reads as 0."""
+    plain = modbus_frames.Mbap.feed
+
+    def feed(self: Any, data: bytes) -> bytes | None:
+        missing = 6 + data[5] - len(data) if len(data) >= 8 else 0
+        return plain(self, data + bytes(max(0, missing)))
+
+    modbus_frames.Mbap.feed = feed
+
+
+# --------------------------------------------------------------------------------------------------- moves
+
+
+@planted("robotiq", USE, "reached too early", seeds=10)
+def move_is_reached_when_it_was_sent() -> None:
+    """A move of the gripper counts as reached when it was taken, wherever the fingers are."""
+    GripperDevice.move_progress = lambda self: (
+        MoveProgress.DONE if self._hand.is_told else MoveProgress.RUNNING
+    )
+    GripperDevice.has_arrived = property(lambda self: self._hand.is_told)
+
+
+@planted("robotiq", USE, "two clients are mixed", seeds=10)
+def stream_has_no_owner() -> None:
+    """Whoever sends a setpoint takes part in a stream."""
+    Arbiter.admit = lambda self, name, client, now: None
+
+
+@planted("robotiq", USE, REASONLESS, seeds=10)
+def refusal_says_nothing() -> None:
+    """A command that is refused because of the state does not say why."""
+    plain = Intake._require_enabled
+
+    def require(self: Any, name: str) -> None:
+        try:
+            plain(self, name)
+        except CommandRefused as refusal:
+            raise CommandRefused(name, refusal.reason, "", where=self.where) from None
+
+    Intake._require_enabled = require
+
+
+# --------------------------------------------------------------------------------------------------- close
+
+
+@planted("robotiq", FAREWELL, HORIZON, "all wait for ever", seeds=30)
+def close_waits_for_a_link_that_is_lost() -> None:
+    """`close` waits until a stop is read back, also over a link that is lost."""
+
+    def await_stop(self: Any, alive: Callable[[float], object]) -> str:
+        while not self._stopping.confirmed:
+            alive(self._clock())
+            self._sleep(self._period)
+            try:
+                sample = self.device.read(self._clock() + self._period)
+                self._stopping.follow(sample, self._clock())
+            except DeviceError:
+                continue
+        return ""
+
+    plain = BusThread.join
+    engine_cycle.Engine._await_stop = await_stop
+    BusThread.join = lambda self, deadline: plain(self, deadline + 1e6)

@@ -1,0 +1,42 @@
+"""The judges and the user find mistakes that are planted; a bug that hides here hides from every world."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+
+import pytest
+from world import planted
+
+from crtk_drivers.testing.world import Host
+
+EACH_DAY = 3
+NAMES = tuple(planted.PLANTED)
+FIRST = EACH_DAY * date.today().toordinal()
+TODAY = {NAMES[(FIRST + number) % len(NAMES)] for number in range(EACH_DAY)}
+"""Mistakes that are quick today: each has its turn."""
+
+
+@pytest.fixture(scope="module")
+def host() -> Iterator[Host]:
+    """A process that runs the worlds."""
+    with Host(Path(planted.__file__)) as found:
+        yield found
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in TODAY else pytest.mark.slow) for name in NAMES]
+)
+def test_planted_mistake_is_found(host: Host, name: str) -> None:
+    mistake = planted.PLANTED[name]
+    others = set()
+    for seed in range(1, mistake.seeds + 1):
+        wild = mistake.way != planted.CALM
+        outcome = host.run(mistake.scenario, seed, before=name, wild=wild, horizon=90)
+        if outcome.kinds & mistake.kinds:
+            return
+        others |= outcome.kinds
+    pytest.fail(
+        f"{mistake.text} No judge has seen that in {mistake.seeds} seeds; found: {others or 'nothing'}"
+    )
