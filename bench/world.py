@@ -38,7 +38,7 @@ from bench.reliability.world_table import Tally
 from bench.reliability.worlds import DEVICES, FILE, SCENARIOS, Case, Runner, shrunk, story
 from bench.report import machine, show
 from crtk_drivers.testing.world import Outcome, WorldError
-from crtk_drivers.testing.world.outcome import numbers
+from crtk_drivers.testing.world.world_outcome import numbers
 
 A_MINUTE: Final = 1.0 / 60.0
 _REWRITTEN: Final = 0.5

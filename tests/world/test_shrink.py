@@ -12,7 +12,7 @@ import pytest
 from world import toys
 
 from crtk_drivers.testing.world import Host, Outcome, WorldError, run, shrink
-from crtk_drivers.testing.world.outcome import numbers, ranges
+from crtk_drivers.testing.world.world_outcome import numbers, ranges
 
 FAILING = 4
 """Seeds that are looked at: more than one pair of troubles may lead to the finding of one."""

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from crtk_drivers.testing.world.kernel import NotSimulated
-    from crtk_drivers.testing.world.outcome import Finding, Outcome
     from crtk_drivers.testing.world.runner import Host, WorldError, run, search, shrink
     from crtk_drivers.testing.world.world import World
+    from crtk_drivers.testing.world.world_outcome import Finding, Outcome
 
 __all__ = [
     "Finding",
@@ -30,10 +30,10 @@ __all__ = [
 
 # Imported when first used: a host patches the standard library before anything that keeps its functions.
 _MODULES = {
-    "Finding": "outcome",
+    "Finding": "world_outcome",
     "Host": "runner",
     "NotSimulated": "kernel",
-    "Outcome": "outcome",
+    "Outcome": "world_outcome",
     "World": "world",
     "WorldError": "runner",
     "run": "runner",

@@ -24,7 +24,14 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any, Final, NoReturn
 
-from crtk_drivers.testing.world import clocks, files, locks, polling, sockets, terminals
+from crtk_drivers.testing.world import (
+    files,
+    polling,
+    task_locks,
+    terminals,
+    virtual_clocks,
+    world_sockets,
+)
 from crtk_drivers.testing.world.kernel import NotSimulated, running
 
 _TOO_LATE: Final = (
@@ -40,26 +47,26 @@ _TOO_LATE: Final = (
 """Modules that keep what is replaced: they are imported later."""
 
 _THREADS: Final[dict[str, Any]] = {
-    "allocate_lock": locks.Lock,
-    "lock": locks.Lock,
-    "LockType": locks.Lock,
-    "RLock": locks.RLock,
-    "start_new_thread": locks.start_new_thread,
-    "start_new": locks.start_new_thread,
-    "_set_sentinel": locks.set_sentinel,
-    "start_joinable_thread": locks.start_joinable_thread,
-    "_ThreadHandle": locks.ThreadHandle,
+    "allocate_lock": task_locks.Lock,
+    "lock": task_locks.Lock,
+    "LockType": task_locks.Lock,
+    "RLock": task_locks.RLock,
+    "start_new_thread": task_locks.start_new_thread,
+    "start_new": task_locks.start_new_thread,
+    "_set_sentinel": task_locks.set_sentinel,
+    "start_joinable_thread": task_locks.start_joinable_thread,
+    "_ThreadHandle": task_locks.ThreadHandle,
 }
 _CLOCKS: Final[dict[str, Any]] = {
-    "monotonic": clocks.monotonic,
-    "monotonic_ns": clocks.monotonic_ns,
-    "perf_counter": clocks.monotonic,
-    "perf_counter_ns": clocks.monotonic_ns,
-    "process_time": clocks.monotonic,
-    "thread_time": clocks.monotonic,
-    "time": clocks.wall,
-    "time_ns": clocks.time_ns,
-    "sleep": clocks.sleep,
+    "monotonic": virtual_clocks.monotonic,
+    "monotonic_ns": virtual_clocks.monotonic_ns,
+    "perf_counter": virtual_clocks.monotonic,
+    "perf_counter_ns": virtual_clocks.monotonic_ns,
+    "process_time": virtual_clocks.monotonic,
+    "thread_time": virtual_clocks.monotonic,
+    "time": virtual_clocks.wall,
+    "time_ns": virtual_clocks.time_ns,
+    "sleep": virtual_clocks.sleep,
 }
 _POLLING: Final[dict[str, Any]] = {
     "select": polling.select_,
@@ -67,16 +74,16 @@ _POLLING: Final[dict[str, Any]] = {
     "epoll": polling.Epoll,
 }
 _SOCKETS: Final[dict[str, Any]] = {
-    "socket": sockets.Socket,
-    "SocketType": sockets.Socket,
-    "socketpair": sockets.socketpair,
-    "close": sockets.close,
-    "dup": sockets.dup,
-    "getaddrinfo": sockets.getaddrinfo,
-    "gethostbyname": sockets.gethostbyname,
-    "getnameinfo": sockets.getnameinfo,
-    "getdefaulttimeout": sockets.getdefaulttimeout,
-    "setdefaulttimeout": sockets.setdefaulttimeout,
+    "socket": world_sockets.Socket,
+    "SocketType": world_sockets.Socket,
+    "socketpair": world_sockets.socketpair,
+    "close": world_sockets.close,
+    "dup": world_sockets.dup,
+    "getaddrinfo": world_sockets.getaddrinfo,
+    "gethostbyname": world_sockets.gethostbyname,
+    "getnameinfo": world_sockets.getnameinfo,
+    "getdefaulttimeout": world_sockets.getdefaulttimeout,
+    "setdefaulttimeout": world_sockets.setdefaulttimeout,
 }
 _REFUSED: Final = {
     "os": (
@@ -110,7 +117,7 @@ def install() -> None:
         (_socket, _SOCKETS),
     ):
         _put(module, new)
-    _put(functools, {"RLock": locks.RLock})
+    _put(functools, {"RLock": task_locks.RLock})
     _put(random, {"_urandom": _urandom})
     # `queue` has the same in Python.
     sys.modules["_queue"] = None  # type: ignore[assignment]

@@ -16,8 +16,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
-from crtk_drivers.testing.world.host import AGAIN
-from crtk_drivers.testing.world.outcome import Outcome
+from crtk_drivers.testing.world.world_host import AGAIN
+from crtk_drivers.testing.world.world_outcome import Outcome
 
 PATIENCE: Final = 180.0
 """s of real time within which a world must have ended."""
@@ -38,7 +38,13 @@ class Host:
 
     def __init__(self, file: Path, preload: Sequence[str] = (), *, fixed: bool = True) -> None:
         self._file = file
-        command = [sys.executable, "-m", "crtk_drivers.testing.world.host", str(file), *preload]
+        command = [
+            sys.executable,
+            "-m",
+            "crtk_drivers.testing.world.world_host",
+            str(file),
+            *preload,
+        ]
         if not fixed:
             command.append(AGAIN)
         path = os.pathsep.join(each for each in sys.path if each)

@@ -14,9 +14,9 @@ from typing_extensions import override
 from crtk_drivers.testing.world import kernel as kernels
 from crtk_drivers.testing.world import network as networks
 from crtk_drivers.testing.world.kernel import DONE, Kernel, Process
-from crtk_drivers.testing.world.outcome import Finding, Line, Outcome
 from crtk_drivers.testing.world.processes import be_main_thread, run_main
 from crtk_drivers.testing.world.troubles import Troubles, Weather
+from crtk_drivers.testing.world.world_outcome import Finding, Line, Outcome
 
 Scenario = Callable[["World"], object]
 """What happens in a world: it runs in the main thread of the first process."""
