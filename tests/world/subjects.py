@@ -26,10 +26,6 @@ def _dynamixel(server: Any) -> list[float]:
     return [servo.drive.angle for servo in server._servos[:6]]  # the seventh is that of a gripper
 
 
-def _has_torque(server: Any) -> bool:
-    return all(servo.torque_enabled for servo in server._servos[:6])
-
-
 def _canopen(server: Any) -> list[float]:
     motors = [drive.axes[0].motor for drive in server._made.all]
     return [math.tau * motor.revolutions / _GEAR for motor in motors]
@@ -82,7 +78,6 @@ SUBJECTS: Final = {
         device="dynamixel",
         sim_options={"servos": _WITHOUT_GRAVITY},
         truth=_dynamixel,
-        holds=_has_torque,
         error=0.01,
         early=0.03,
         step=0.15,

@@ -50,8 +50,6 @@ class Subject:
         error: rad (m) by which a measured position may be off, its resolution and noise.
         early: s before its stamp at which a position may have been measured, by the device's documentation.
         late: s after its stamp at which it may have been.
-        holds: returns whether the hardware holds its joints, from the server object: without power they may
-            sink, and are not judged.
         step: rad (m) of the longest move.
         velocity: rad/s (m/s) of the fastest stream.
     """
@@ -64,7 +62,6 @@ class Subject:
     error: float
     early: float = 0.006
     late: float = math.inf
-    holds: Callable[[Any], bool] = lambda server: True
     step: float
     velocity: float
 
@@ -114,7 +111,6 @@ class Scene:
         self.driver: Process | None = None
         self._moves: list[Move] = []
         self._senders = 0
-        self._holds = True
         self._looks: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_REMEMBERED)
         self.look()
 
@@ -205,7 +201,6 @@ class Scene:
         now, kernel = self.now, self.world.kernel
         if self.sim.running:
             self._looks.append((now, tuple(self.subject.truth(self._server))))
-            self._holds = self.subject.holds(self._server)
         if any(
             p.frozen_until >= kernel.now - _UNDISTURBED * NS for p in kernel.processes if p.alive
         ):
@@ -236,8 +231,8 @@ class Scene:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a joint that is held moves, over the last 20 ms."""
-        return self._holds and self.speed > self.still
+        """Whether a joint moves, over the last 20 ms."""
+        return self.speed > self.still
 
     @property
     def stands_now(self) -> bool:

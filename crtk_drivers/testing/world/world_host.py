@@ -1,7 +1,7 @@
 """Runs worlds, each in a child of one process that has imported what they need, patched, once.
 
-``python -m crtk_drivers.testing.world.world_host FILE [MODULE ...]``: FILE has scenarios at its top level. The
-MODULEs are imported before it.
+``python -m crtk_drivers.testing.world.world_host FILE [MODULE ...]``: FILE has scenarios at its top level.
+The MODULEs are imported before it.
 Each line of standard input is a request, and each line of standard output its answer, both in JSON. The child
 reads its request after the fork, so that every child begins with the same memory.
 """
