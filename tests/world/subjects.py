@@ -7,6 +7,7 @@ imports no pytest.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, Final
 
 from crtk_drivers.testing.world.subject import Subject
@@ -54,84 +55,29 @@ _WITHOUT_GRAVITY: Final = ",".join(
 )
 """The servos of the usual arm. `disable` takes their torque away, and joints would fall for good reason."""
 
-SUBJECTS: Final = {
-    "robotiq": Subject(
-        device="robotiq",
-        config={"link": "modbus"},
-        truth=_robotiq,
-        arrival=0.004,
-        error=0.001,
-        step=0.03,
-        velocity=0.03,
+_arm = partial(Subject, error=0.002, step=0.15, velocity=0.3)
+"""Joints in rad."""
+_fingers = partial(Subject, arrival=0.002, error=0.001, early=0.05, step=0.03, velocity=0.03)
+"""An opening in m."""
+
+_ALL: Final = (
+    _fingers(
+        device="robotiq", config={"link": "modbus"}, truth=_robotiq, arrival=0.004, early=0.006
     ),
-    "ur": Subject(
-        device="ur",
-        config={"control": "native"},
-        truth=_ur,
-        error=0.01,
-        early=0.13,
-        late=0.06,
-        step=0.15,
-        velocity=0.3,
-    ),
-    "dynamixel": Subject(
+    _arm(device="ur", config={"control": "native"}, truth=_ur, error=0.01, early=0.13, late=0.06),
+    _arm(
         device="dynamixel",
         sim_options={"servos": _WITHOUT_GRAVITY},
         truth=_dynamixel,
         error=0.01,
         early=0.03,
-        step=0.15,
-        velocity=0.3,
     ),
-    "canopen": Subject(
-        device="canopen",
-        truth=_canopen,
-        error=0.002,
-        early=0.02,
-        step=0.15,
-        velocity=0.3,
-    ),
-    "copley": Subject(
-        device="copley",
-        truth=_copley,
-        error=0.002,
-        early=0.05,
-        step=0.15,
-        velocity=0.3,
-    ),
-    "galil": Subject(
-        device="galil",
-        truth=_galil,
-        error=0.002,
-        early=0.02,
-        step=0.15,
-        velocity=0.3,
-    ),
-    "onrobot": Subject(
-        device="onrobot",
-        truth=_jaw,
-        arrival=0.002,
-        error=0.001,
-        early=0.05,
-        step=0.03,
-        velocity=0.03,
-    ),
-    "weiss-wsg": Subject(
-        device="weiss-wsg",
-        truth=_jaw,
-        arrival=0.002,
-        error=0.001,
-        early=0.05,
-        step=0.03,
-        velocity=0.03,
-    ),
-    "schunk": Subject(
-        device="schunk",
-        truth=_jaw,
-        arrival=0.002,
-        error=0.001,
-        early=0.05,
-        step=0.02,
-        velocity=0.02,
-    ),
-}
+    _arm(device="canopen", truth=_canopen, early=0.02),
+    _arm(device="copley", truth=_copley, early=0.05),
+    _arm(device="galil", truth=_galil, early=0.02),
+    _fingers(device="onrobot", truth=_jaw),
+    _fingers(device="weiss-wsg", truth=_jaw),
+    _fingers(device="schunk", truth=_jaw, step=0.02, velocity=0.02),
+)
+SUBJECTS: Final = {subject.device: subject for subject in _ALL}
+"""All of them, by the name of the device."""

@@ -5,14 +5,18 @@ World      what a scenario is given
 Outcome    what came of it: findings, and the story that led to them
 search     many seeds, several at a time
 shrink     the fewest troubles that a finding needs
+Subject    a device whose truth is known, for the judges of all devices
+user       scenarios for a subject: what users do
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from crtk_drivers.testing.world import user
     from crtk_drivers.testing.world.kernel import NotSimulated
     from crtk_drivers.testing.world.runner import Host, WorldError, run, search, shrink
+    from crtk_drivers.testing.world.subject import Subject
     from crtk_drivers.testing.world.world import World
     from crtk_drivers.testing.world.world_outcome import Finding, Outcome
 
@@ -21,11 +25,13 @@ __all__ = [
     "Host",
     "NotSimulated",
     "Outcome",
+    "Subject",
     "World",
     "WorldError",
     "run",
     "search",
     "shrink",
+    "user",
 ]
 
 # Imported when first used: a host patches the standard library before anything that keeps its functions.
@@ -34,6 +40,7 @@ _MODULES = {
     "Host": "runner",
     "NotSimulated": "kernel",
     "Outcome": "world_outcome",
+    "Subject": "subject",
     "World": "world",
     "WorldError": "runner",
     "run": "runner",

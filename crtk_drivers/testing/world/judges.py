@@ -12,6 +12,7 @@ from typing import ClassVar, Final
 
 from typing_extensions import override
 
+from crtk_drivers.engine import Engine
 from crtk_drivers.engine.threads import STALL_LIMIT, WATCHDOG_PERIOD
 from crtk_drivers.samples import JointState
 from crtk_drivers.testing.world.kernel import EPOCH, NS, Task
@@ -81,9 +82,8 @@ class Rests(Judge):
         engine = scene.engine
         if engine is None or scene.closed is not None or not scene.is_moving:
             return None
-        stop, since = engine.capabilities.stop, max(scene.enabled, scene.disturbed)
-        allowed = stop.time + stop.link_timeout + _LOOKS
-        if scene.now <= since + allowed:
+        allowed = _declared(scene, engine)
+        if not _is_over(scene, max(scene.enabled, scene.disturbed), allowed):
             return None
         status = engine.status
         return (
@@ -171,9 +171,8 @@ class AfterDeath(Judge):
         engine = scene.engine
         if engine is None or scene.died is None or not scene.is_moving:
             return None
-        stop = engine.capabilities.stop
-        allowed = stop.time + stop.link_timeout + _LOOKS
-        if scene.now <= max(scene.died, scene.disturbed) + allowed:
+        allowed = _declared(scene, engine)
+        if not _is_over(scene, max(scene.died, scene.disturbed), allowed):
             return None
         return (
             f"it moves with {scene.speed:.3g}, {scene.now - scene.died:.3f} s after its driver died; "
@@ -211,7 +210,8 @@ class StopBelieved(Judge):
             self._waits = False
             return None
         if not self._waits:
-            self._waits, self._stood = True, False
+            # What is measured may be older than its stamp, and then show how it stood before.
+            self._waits, self._stood = True, scene.stood_within(scene.subject.early)
         self._stood = self._stood or scene.stands_now
         is_believed = scene.engine._stopping.confirmed  # noqa: SLF001 - a judge looks where nobody else may
         if not is_believed:
@@ -309,6 +309,19 @@ class Stuck(Judge):
             if is_late and engine.connected and engine.status.state != "FAULT":
                 return f"{task} stands still for {scene.now - since:.3f} s, and it is {engine.status.state}"
         return None
+
+
+def _declared(scene: Scene, engine: Engine) -> float:
+    """Return the s within which the device stands without its driver, and a judge sees that."""
+    stop = engine.capabilities.stop
+    return stop.time + stop.link_timeout + _LOOKS
+
+
+def _is_over(scene: Scene, since: float, allowed: float) -> bool:
+    """Return whether a device had its time to stand since it should, and since a network let pass again."""
+    held_back = scene.freed if scene.now > scene.freed else -math.inf
+    stop = scene.engine.capabilities.stop.time if scene.engine is not None else 0.0
+    return scene.now > max(since + allowed, held_back + stop + _LOOKS)
 
 
 def _named(scene: Scene, begin: str) -> list[Task]:

@@ -50,6 +50,7 @@ class Subject:
         error: rad (m) by which a measured position may be off, its resolution and noise.
         early: s before its stamp at which a position may have been measured, by the device's documentation.
         late: s after its stamp at which it may have been.
+        period: s between two steps of the simulator's model, if they are longer than `PERIOD`.
         step: rad (m) of the longest move.
         velocity: rad/s (m/s) of the fastest stream.
     """
@@ -62,6 +63,7 @@ class Subject:
     error: float
     early: float = 0.006
     late: float = math.inf
+    period: float = PERIOD
     step: float
     velocity: float
 
@@ -82,6 +84,7 @@ class Scene:
         disturbed: when a process stood still last.
         still: rad/s (m/s) below which a joint stands, by what the driver declares.
         hindered: when last a process or an I/O thread stood still, or the network let nothing pass.
+        freed: when the network last let pass what it had held back: commands, and the stop behind them.
         silent: since when the simulator cannot have sent anything; infinite while it can.
         stop_counts: whether a stop was begun, and no motion on purpose since.
         asked: until when somebody has asked for a motion.
@@ -107,6 +110,7 @@ class Scene:
         self.still = _STILL
         self.enabled = self.disturbed = self.hindered = self.asked = world.now
         self.silent = math.inf
+        self.freed = -math.inf
         self.stop_counts = False
         self.driver: Process | None = None
         self._moves: list[Move] = []
@@ -206,7 +210,9 @@ class Scene:
         ):
             self.disturbed = now
         held = any(task.frozen_until >= kernel.now for task in kernel.tasks if not task.ended)
-        if held or self.disturbed == now or self.world.troubles.block:
+        if self.world.troubles.block:
+            self.freed = now
+        if held or self.disturbed == now or self.freed == now:
             self.hindered = now
         is_silent = all(p.frozen_until > kernel.now or not p.alive for p in self._simulators)
         self.silent = min(self.silent, now) if is_silent else math.inf
@@ -236,11 +242,20 @@ class Scene:
 
     @property
     def stands_now(self) -> bool:
-        """Whether no joint has moved between the last two looks."""
-        if len(self._looks) < 2:
-            return True
-        (_, before), (_, last) = self._looks[-2], self._looks[-1]
-        return _distance(last, before) <= PERIOD * self.still
+        """Whether no joint has moved over the last step of the simulator."""
+        return self.stood_within(0.0)
+
+    def stood_within(self, seconds: float) -> bool:
+        """Return whether no joint has moved over a step of the simulator, at any time in the last s."""
+        looks, span = list(self._looks), max(1, round(self.subject.period / PERIOD))
+        for last in range(len(looks) - 1, 0, -1):
+            at, joints = looks[last]
+            if at < self.now - seconds and last < len(looks) - 1:
+                return False
+            begin, before = looks[max(0, last - span)]
+            if _distance(joints, before) <= (at - begin) * self.still:
+                return True
+        return len(looks) < 2
 
     def was_at(self, joints: Sequence[float], begin: float, end: float, within: float) -> bool:
         """Return whether the joints were somewhere between two times (s), or passed it between two looks.

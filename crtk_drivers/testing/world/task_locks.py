@@ -6,9 +6,11 @@
 from __future__ import annotations
 
 import _thread
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import Any, Final
+
+from typing_extensions import override
 
 from crtk_drivers.testing.world.kernel import Kernel, Task, Waiters, here, running
 
@@ -17,7 +19,27 @@ _IMPORTER: Final = object()
 _LONGEST_CIRCLE: Final = 20
 
 
-class Lock:
+class _Taken(ABC):
+    """What a `with` statement takes and gives back."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        """Take it."""
+
+    @abstractmethod
+    def release(self) -> None:
+        """Give it back."""
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+class Lock(_Taken):
     """As `_thread.lock`.
 
     An event that looks on, a judge's for instance, passes it: nothing runs meanwhile.
@@ -29,6 +51,7 @@ class Lock:
         self._owner: object = None
         self._waiters: Waiters = {}
 
+    @override
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         """Take it."""
         if not blocking and timeout != -1:
@@ -64,6 +87,7 @@ class Lock:
         self._owner = task
         return True
 
+    @override
     def release(self) -> None:
         """Give it back; another thread may have taken it."""
         kernel = running.kernel
@@ -81,22 +105,11 @@ class Lock:
 
     acquire_lock, release_lock, locked_lock = acquire, release, locked
 
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.release()
-
     def _at_fork_reinit(self) -> None:
         self._owner = None
 
 
-class RLock:
+class RLock(_Taken):
     """As `_thread.RLock`."""
 
     __slots__ = ("__weakref__", "_count", "_lock")
@@ -105,6 +118,7 @@ class RLock:
         self._lock = Lock()
         self._count = 0
 
+    @override
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         """Take it, once more if this thread has it."""
         if self._is_owned():
@@ -116,6 +130,7 @@ class RLock:
             self._count = 1
         return True
 
+    @override
     def release(self) -> None:
         """Give it back once."""
         if not _somebody_runs():
@@ -125,17 +140,6 @@ class RLock:
         self._count -= 1
         if not self._count:
             self._lock.release()
-
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.release()
 
     def _is_owned(self) -> bool:
         kernel = running.kernel

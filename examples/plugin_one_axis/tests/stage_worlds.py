@@ -5,6 +5,7 @@ A process of its own imports this file, in patched Python: so there is no pytest
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Final
 
@@ -14,7 +15,7 @@ from crtk_sim_one_axis.stage import SILENCE, Stage
 import crtk_drivers
 from crtk_drivers.errors import CrtkError, StopUnconfirmed
 from crtk_drivers.front import LocalDevice
-from crtk_drivers.testing.world import World
+from crtk_drivers.testing.world import Subject, World, user
 
 TRAVEL: Final = 10.0
 """m: a stage that runs away does so for longer than a world lasts."""
@@ -24,6 +25,22 @@ PATIENCE: Final = SILENCE + 0.3
 """s of the stage within which it stands: it stops by itself, and braking from full speed takes 0.25 s."""
 ARRIVED: Final = 2e-3
 """m by which the carriage is off its goal, at most, when a move is reached."""
+
+STAGE: Final = Subject(
+    device="one_axis",
+    config={"travel": TRAVEL},
+    truth=lambda server: [server.device.position],
+    error=1e-3,
+    early=math.inf,  # it only sends: nobody knows how long a report was on its way
+    period=0.01,
+    step=0.1,
+    velocity=0.2,
+)
+
+
+def any_use(world: World) -> None:
+    """Do anything that a user may do with a stage, while the judges of all devices look on."""
+    user.use(world, STAGE)
 
 
 class Carriage:

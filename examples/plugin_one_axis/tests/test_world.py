@@ -18,6 +18,12 @@ def test_a_wild_day_has_no_findings(seed: int) -> None:
     world.run(stage_worlds.working_day, seed=seed, wild=True).check()
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_any_use_has_no_findings(seed: int) -> None:
+    """The promises of all devices, whatever a user does."""
+    world.run(stage_worlds.any_use, seed=seed, wild=True).check()
+
+
 def test_a_seed_gives_the_same_day_again() -> None:
     """Each decision and each byte: this is how a finding is looked at again."""
     first, again = (world.run(stage_worlds.working_day, seed=1, wild=True) for _ in range(2))
