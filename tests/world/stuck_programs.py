@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -121,3 +122,25 @@ def killed_child(_: World) -> list[object]:
     except BrokenPipeError:
         broken = True
     return [beats > 20, later == b"", broken, child.wait()]
+
+
+def compute(_: World) -> None:
+    """Never end, and let no time pass."""
+    while True:
+        pass
+
+
+def leave(_: World) -> None:
+    sys.exit(3)
+
+
+def kill_itself(_: World) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def read_input(_: World) -> None:
+    input()
+
+
+def return_a_set(_: World) -> set[int]:
+    return {1}

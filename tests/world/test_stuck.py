@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from crtk_drivers.testing.world import Finding, Host
+from crtk_drivers.testing.world import Finding, Host, WorldError, run
 
 SEEDS = range(1, 6)
 
@@ -84,3 +88,70 @@ def test_killed_child_never_runs_again(host: Host, seed: int) -> None:
     outcome = host.run("killed_child", seed)
     outcome.check()
     assert outcome.result == [True, True, True, -9]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "kind", "said"),
+    [
+        ("leave", "a process died", "sys.exit(3)"),
+        ("kill_itself", "all wait for ever", "no thread is left"),
+        ("read_input", "a thread died", "EOFError"),
+    ],
+)
+def test_early_end_says_how(host: Host, scenario: str, kind: str, said: str) -> None:
+    finding = found(host, scenario)
+    assert finding.kind == kind
+    assert said in finding.text
+
+
+@pytest.mark.parametrize(
+    ("scenario", "said"), [("return_a_set", "a set: return what JSON"), ("nobody", "no function")]
+)
+def test_wrong_scenario_says_why(host: Host, scenario: str, said: str) -> None:
+    with pytest.raises(WorldError, match=said):
+        host.run(scenario, 1)
+
+
+def test_scenario_is_a_plain_function() -> None:
+    for each in (lambda _: None, str.upper, "scenario", Host):
+        with pytest.raises(ValueError, match="a scenario is"):
+            run(each, 1)  # type: ignore[arg-type]  # what a user may give
+
+
+ALONE = """
+import sys, time
+from pathlib import Path
+from crtk_drivers.testing.world import Host
+host = Host(Path(sys.argv[1]))
+host.run("no_deadlock", 1)
+host.ask("compute", 1)
+print(flush=True)
+time.sleep(60.0)
+"""
+
+
+def test_killed_test_leaves_no_world(tmp_path: Path) -> None:
+    """The world computes for ever. Its host holds the pipe's other end, and ends with it."""
+    file = Path(__file__).parent / "stuck_programs.py"
+    with subprocess.Popen(
+        [sys.executable, "-c", ALONE, str(file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    ) as test:
+        assert test.stdout is not None
+        assert test.stderr is not None
+        assert test.stdout.readline()
+        test.kill()
+        assert test.stderr.read() == b""  # until the last process that writes to it has ended
+    assert not list(tmp_path.iterdir())
+
+
+def test_closed_host_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    with Host(Path(__file__).parent / "stuck_programs.py") as host:
+        host.run("no_deadlock", 1)
+        with pytest.raises(WorldError, match="computes for ever"):
+            host.run("compute", 1, patience=0.3)
+    assert not list(tmp_path.iterdir())

@@ -416,7 +416,9 @@ class Kernel:
                 self._trace(b"%d %d %d\n" % (self.now, task.number, count))
                 return task
             if not self._timers:
-                self.find("all wait for ever", self.stacks())
+                self.find(
+                    "all wait for ever", self.stacks() or "no thread is left to end the scenario"
+                )
             elif self._timers[0][0] > self._horizon:
                 self.find("not done at the horizon", self.stacks())
             else:

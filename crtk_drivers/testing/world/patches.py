@@ -88,7 +88,7 @@ _SOCKETS: Final[dict[str, Any]] = {
 _REFUSED: Final = {
     "os": (
         "fork forkpty posix_spawn posix_spawnp execv execve wait wait3 wait4 waitpid waitid pidfd_open "
-        "splice sendfile timerfd_create killpg"
+        "splice sendfile timerfd_create killpg system"
     ),
     "signal": (
         "alarm setitimer pthread_kill pthread_sigmask sigwait sigwaitinfo sigtimedwait pause "

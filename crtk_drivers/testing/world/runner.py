@@ -7,16 +7,18 @@ import inspect
 import json
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
-from crtk_drivers.testing.world.world_host import AGAIN
+from crtk_drivers.testing.world.world_host import AGAIN, folder_prefix
 from crtk_drivers.testing.world.world_outcome import Outcome
 
 PATIENCE: Final = 180.0
@@ -109,13 +111,14 @@ class Host:
             if left <= 0.0 or not select.select([self], [], [], left)[0]:
                 self.close()
                 raise WorldError(
-                    f"a world of {self._file} is not done in {patience:g} s: most likely something in it "
-                    "waits for the real system, past what is patched"
+                    f"a world of {self._file} is not done in {patience:g} s of real time: it computes for "
+                    "ever, or it waits for the real system, past what is patched"
                 )
             piece = os.read(self.fileno(), 1 << 20)
             if not piece:
                 raise WorldError(
-                    f"the process for the scenarios of {self._file} has ended; see its output"
+                    f"the process for the scenarios of {self._file} has ended: most likely it cannot import "
+                    "the file; standard error says why"
                 )
             self._read += piece
         line, _, rest = bytes(self._read).partition(b"\n")
@@ -141,6 +144,8 @@ class Host:
         """End the process; safe to repeat."""
         self.kill()
         self._process.wait()
+        for folder in Path(tempfile.gettempdir()).glob(f"{folder_prefix(self._process.pid)}*"):
+            shutil.rmtree(folder, ignore_errors=True)  # it had no time to do so
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None and not pipe.closed:
                 try:
@@ -160,10 +165,11 @@ _hosts: dict[Path, Host] = {}
 
 def _host_of(scenario: Callable[..., object]) -> tuple[Host, str]:
     """Return the host of a scenario's file, started at the first use, and the scenario's name in it."""
-    file = Path(inspect.getfile(scenario)).resolve()
-    name = scenario.__qualname__
-    if "<" in name:
-        raise ValueError(f"{name}: a scenario is a function at the top level of its file")
+    if not inspect.isfunction(scenario) or scenario.__qualname__ != scenario.__name__:
+        raise ValueError(f"{scenario!r}: a scenario is a function at the top level of its file")
+    if inspect.iscoroutinefunction(scenario) or scenario.__name__ == "<lambda>":
+        raise ValueError(f"{scenario!r}: a scenario is a plain function, made by `def`")
+    file, name = Path(inspect.getfile(scenario)).resolve(), scenario.__name__
     if file not in _hosts:
         if not _hosts:
             atexit.register(_close_hosts)

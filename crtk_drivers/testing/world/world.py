@@ -132,7 +132,12 @@ class World:
 
         def main() -> None:
             be_main_thread(process)
-            returned.append(scenario(self))
+            try:
+                returned.append(scenario(self))
+            except SystemExit as end:
+                self.find(
+                    "a process died", f"the scenario called sys.exit({end.code!r}): let it return"
+                )
 
         self.kernel.run(main, process)
         kernel = self.kernel

@@ -16,6 +16,7 @@ import json
 import os
 import select
 import shutil
+import signal
 import sys
 import tempfile
 import traceback
@@ -27,18 +28,24 @@ from crtk_drivers.testing.world import patches
 AGAIN: Final = "--addresses-fixed"
 NAME: Final = "crtk_world_scenarios"
 _ADDR_NO_RANDOMIZE: Final = 0x0040000
-_END_OF_INPUT: Final = 3
 _HERE: Final = "/proc/self/cwd"
 
 # Before they are patched.
-_poll, _read, _write, _fork, _waitpid, _exit = (
+_poll, _read, _write, _pipe, _close, _fork, _waitpid, _kill, _exit = (
     select.poll,
     os.read,
     os.write,
+    os.pipe,
+    os.close,
     os.fork,
     os.waitpid,
+    os.kill,
     os._exit,
 )
+
+
+class RefusedError(Exception):
+    """What was asked for cannot be; its text says all."""
 
 
 def main() -> None:
@@ -46,29 +53,63 @@ def main() -> None:
     if AGAIN not in sys.argv:
         _fix_addresses()
     arguments = [each for each in sys.argv[1:] if each != AGAIN]
-    answers = os.dup(1)
+    requests, answers = os.dup(0), os.dup(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)  # input() of a scenario ends at once, and takes no request
+    os.close(nothing)
     os.dup2(2, 1)
     patches.install()
     for name in arguments[1:]:
         importlib.import_module(name)
     scenarios = _load(Path(arguments[0]))
     poll = _poll()
-    poll.register(0, select.POLLIN)
+    poll.register(requests, select.POLLIN)
     while True:
-        poll.poll()
-        folder = tempfile.mkdtemp(prefix="crtk-world-")
+        if not poll.poll()[0][1] & select.POLLIN:
+            return
+        folder = tempfile.mkdtemp(prefix=folder_prefix(os.getpid()))
         # Every child begins with the same counts, and never looks through what is imported here.
         gc.collect()
         gc.freeze()
+        life, held = _pipe()
         child = _fork()
         if child == 0:
-            _be_child(scenarios, answers, folder)
-        _, status = _waitpid(child, 0)
+            _be_child(scenarios, requests, answers, folder)  # the end `held` closes when it ends
+        _close(held)
+        status = _await(child, life, requests)
+        _close(life)
         shutil.rmtree(folder, ignore_errors=True)
-        if os.WIFEXITED(status) and os.WEXITSTATUS(status) == _END_OF_INPUT:
+        if status is None:
             return
         if status:
-            _answer(answers, {"error": f"the process of a world ended with status {status}"})
+            code = os.waitstatus_to_exitcode(status)
+            how = f"exit code {code}" if code >= 0 else signal.Signals(-code).name
+            _answer(answers, {"error": f"the process of a world has ended: {how}"})
+
+
+def folder_prefix(pid: int) -> str:
+    """Return how the names of the folders begin in which the worlds of a host run."""
+    return f"crtk-world-{pid}-"
+
+
+def _await(child: int, life: int, requests: int) -> int | None:
+    """Return the status of a world that has ended; None if whoever asked for it has gone.
+
+    Such a world is killed: it may compute for ever.
+
+    Args:
+        child: its process.
+        life: a pipe that only this process holds open.
+        requests: the pipe of whoever asks.
+    """
+    poll = _poll()
+    poll.register(life, 0)  # tells a hang-up only
+    poll.register(requests, 0)
+    is_alone = requests in [descriptor for descriptor, _ in poll.poll()]
+    if is_alone:
+        _kill(child, signal.SIGKILL)
+    _, status = _waitpid(child, 0)
+    return None if is_alone else status
 
 
 def _fix_addresses() -> None:
@@ -81,32 +122,32 @@ def _fix_addresses() -> None:
 def _load(file: Path) -> Any:
     sys.path.insert(0, str(file.parent))
     spec = importlib.util.spec_from_file_location(NAME, file)
-    assert spec is not None
-    assert spec.loader is not None
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no file of Python: its name has to end with .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[NAME] = module
     spec.loader.exec_module(module)
     return module
 
 
-def _be_child(scenarios: Any, answers: int, folder: str) -> None:
+def _be_child(scenarios: Any, requests: int, answers: int, folder: str) -> None:
     try:
-        line = _read_line()
-        if not line:
-            _exit(_END_OF_INPUT)
+        line = _read_line(requests)
         os.chdir(folder)
         if Path(_HERE).exists():  # the same name in each child, for a folder of its own
             tempfile.tempdir = _HERE
         _answer(answers, _run(scenarios, json.loads(line)))
+    except RefusedError as error:
+        _answer(answers, {"error": str(error)})
     except BaseException:
         _answer(answers, {"error": traceback.format_exc()})
     _exit(0)
 
 
-def _read_line() -> bytes:
+def _read_line(requests: int) -> bytes:
     data = bytearray()
     while not data.endswith(b"\n"):
-        piece = _read(0, 1)  # no more of the next request
+        piece = _read(requests, 1)  # no more of the next request
         if not piece:
             break
         data += piece
@@ -121,11 +162,20 @@ def _run(scenarios: Any, request: dict[str, Any]) -> dict[str, Any]:
         world.kernel.log = []
     scenario: Any = scenarios
     for part in request["scenario"].split("."):
-        scenario = getattr(scenario, part)
+        scenario = getattr(scenario, part, None)
+    if not callable(scenario):
+        name, file = request["scenario"], scenarios.__file__
+        raise RefusedError(f"{file} has no function {name!r} at its top level")
     if before := request.get("before"):
         module, _, name = before.rpartition(":")
         getattr(importlib.import_module(module) if module else scenarios, name)()
     outcome = world.run(lambda given: scenario(given, *request["arguments"]))
+    try:
+        json.dumps(outcome.result)
+    except (TypeError, ValueError) as error:
+        kind = type(outcome.result).__name__
+        text = f"{request['scenario']} returned a {kind}: return what JSON can hold, or nothing"
+        raise RefusedError(text) from error
     if log and world.kernel.log is not None:
         Path(log).write_text("\n".join(world.kernel.log) + "\n")
     return outcome.to_json()
