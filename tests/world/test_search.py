@@ -47,7 +47,7 @@ def test_search_goes_on_where_a_world_cannot_run() -> None:
     assert search.found == {("toy", "unknown", "no outcome"): 1}
     assert search.tallies["toy"].worlds == 2
     assert "NO OUTCOME toy unknown 1" in printed[0]
-    assert "has no attribute 'unknown'" in printed[0]
+    assert "has no function 'unknown'" in printed[0]
 
 
 def test_search_is_aborted_in_a_hung_world() -> None:
