@@ -22,6 +22,7 @@ from crtk_drivers.motion.move import Move
 from crtk_drivers.samples import Vector
 from crtk_drivers.state import OperatingState, StateCommand
 from crtk_drivers.testing.world.judges import judge
+from crtk_drivers.testing.world.kernel import NS
 from crtk_drivers.testing.world.subject import Scene, Subject
 from crtk_drivers.testing.world.world import World
 
@@ -144,7 +145,23 @@ def _close(scene: Scene) -> None:
         world.say("closed")
     time.sleep(_AFTERWARDS)
     if scene.closed is not None:
+        # `close` waits for a bounded time. A thread that stood still longer ends once it runs again.
+        while scene.now < _ran_again(scene) + _AFTERWARDS:
+            time.sleep(_AFTERWARDS)
         _find_leaks(scene)
+
+
+def _ran_again(scene: Scene) -> float:
+    """Return when the last thread that the world kept from running in the driver may run again (s)."""
+    driver = scene.driver
+    assert driver is not None
+    held = [driver.frozen_until]
+    held += [
+        task.frozen_until
+        for task in scene.world.kernel.tasks
+        if task.process is driver and not task.ended and task is not driver.main
+    ]
+    return max(held) / NS
 
 
 def _find_leaks(scene: Scene) -> None:
