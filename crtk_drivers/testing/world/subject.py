@@ -210,9 +210,10 @@ class Scene:
         ):
             self.disturbed = now
         held = any(task.frozen_until >= kernel.now for task in kernel.tasks if not task.ended)
-        if self.world.troubles.block:
+        is_blocked = self.world.troubles.block
+        if is_blocked and any(end.owner is self.driver for end in self.world.network.streams):
             self.freed = now
-        if held or self.disturbed == now or self.freed == now:
+        if held or self.disturbed == now or is_blocked:
             self.hindered = now
         is_silent = all(p.frozen_until > kernel.now or not p.alive for p in self._simulators)
         self.silent = min(self.silent, now) if is_silent else math.inf
