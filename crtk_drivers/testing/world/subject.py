@@ -111,6 +111,7 @@ class Scene:
         self.enabled = self.disturbed = self.hindered = self.asked = world.now
         self.silent = math.inf
         self.freed = -math.inf
+        self._sends_by_tcp = False  # what was sent is delivered after a connection is closed, too
         self.stop_counts = False
         self.driver: Process | None = None
         self._moves: list[Move] = []
@@ -211,7 +212,8 @@ class Scene:
             self.disturbed = now
         held = any(task.frozen_until >= kernel.now for task in kernel.tasks if not task.ended)
         is_blocked = self.world.troubles.block
-        if is_blocked and any(end.owner is self.driver for end in self.world.network.streams):
+        self._sends_by_tcp |= any(end.owner is self.driver for end in self.world.network.streams)
+        if is_blocked and self._sends_by_tcp:
             self.freed = now
         if held or self.disturbed == now or is_blocked:
             self.hindered = now
