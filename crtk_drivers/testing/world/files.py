@@ -101,6 +101,11 @@ class OpenFile:
                     raise TimeoutError("timed out")
                 kernel.wait((self.waiters,), end)
 
+    def await_change(self, until: int | None = None) -> None:
+        """Wait until something of it has changed, or until a time (ns); it stays open meanwhile."""
+        with held((self,)):
+            here().wait((self.waiters,), until)
+
     def unread(self) -> int:
         """Return how many bytes can be read."""
         raise NotSimulated(f"FIONREAD of a {type(self).__name__}")
@@ -171,6 +176,11 @@ def close(descriptor: int) -> None:
     found = find(descriptor)
     del here().process.files[descriptor]
     found.drop()
+
+
+def dup(descriptor: int) -> int:
+    """Return another descriptor of the same file."""
+    return add(find(descriptor))
 
 
 def dup2(descriptor: int, other: int, _inheritable: bool = True) -> int:
@@ -346,8 +356,7 @@ class _WritingEnd(_PipeEnd):
             if room < min(len(rest), _PIPE_PIECE):
                 if not self.blocking:
                     return count or fail(errno.EAGAIN)
-                with held((self,)):
-                    here().wait((self.waiters,))
+                self.await_change()
                 continue
             piece, rest = rest[:room], rest[room:]
             self.data += piece
@@ -394,8 +403,7 @@ class _Counter(OpenFile):
         while self.value + value > _MOST_COUNTED:
             if not self.blocking:
                 fail(errno.EAGAIN)
-            with held((self,)):
-                here().wait((self.waiters,))
+            self.await_change()
         self.value += value
         self.changed()
 

@@ -39,10 +39,9 @@ _SWITCH_SPREAD: Final = 14_000
 _PIECE: Final = 2000
 """Bytes that are hashed at once: for more, hashlib lets go of the interpreter's lock, which is slow."""
 
-_allocate_gate, _start_thread, _real_monotonic, _real_cpu, _get_ident = (
+_allocate_gate, _start_thread, _real_cpu, _get_ident = (
     _thread.allocate_lock,
     _thread.start_new_thread,
-    time.monotonic,
     time.process_time,
     _thread.get_ident,
 )
@@ -120,7 +119,7 @@ class Task:
         self.process = process
         self.gate = _allocate_gate()
         self.gate.acquire()
-        self.ready = self.ended = self.woken = False
+        self.ready = self.ended = False
         self.frozen_until = 0
         self.turn = 0  # counts waits: a timer of an earlier one does nothing
         self.wants: Any = None
@@ -179,7 +178,7 @@ class Kernel:
         self._hash = hashlib.blake2b(digest_size=8)
         self.log: list[str] | None = None
         self.switches = 0
-        self.real = self.cpu = 0.0
+        self.cpu = 0.0
         self._quiet = 0
         self._done = _allocate_gate()
         self._done.acquire()
@@ -233,7 +232,7 @@ class Kernel:
         return self._hash.hexdigest()
 
     def find(self, kind: str, text: str) -> None:
-        """Something is wrong: it is among the findings, and the world ends."""
+        """Add a finding, and end the world."""
         self.note("found", kind)
         self.findings.append((kind, self.seconds, text))
         self.over = self.over or kind
@@ -296,7 +295,7 @@ class Kernel:
             self._hand_on(self.current)  # and never back
 
     def send_signal(self, process: Process, number: int) -> None:
-        """Let the main task of a process carry out the handler of a signal, or the signal's own effect."""
+        """Let the main task of a process run the handler of a signal."""
         process.pending.append(number)
         if process.main is not None:
             self._make_ready(process.main)
@@ -309,23 +308,19 @@ class Kernel:
     def wake(self, waiters: Waiters) -> None:
         """Let tasks look again whether they have what they wait for."""
         for task in waiters:
-            task.woken = True
             self._make_ready(task)
 
-    def wait(self, queues: Iterable[Waiters], until: int | None = None) -> bool:
+    def wait(self, queues: Iterable[Waiters], until: int | None = None) -> None:
         """Give up the processor until one of `queues` is woken, or until a time (ns).
 
         It may also end for no reason: whoever waits looks again.
-
-        Returns:
-            whether it was woken.
         """
         task = self.current
         if task is None:
             raise NotSimulated("waiting in an event, which belongs to no task")
         queues = tuple(queues)
         task.turn += 1
-        turn, task.woken = task.turn, False
+        turn = task.turn
         for queue in queues:
             queue[task] = None
         if until is not None:
@@ -334,10 +329,8 @@ class Kernel:
         for queue in queues:
             queue.pop(task, None)
         task.turn += 1
-        woken = task.woken
         if task.process.pending and task is task.process.main:
             self._handle_signals(task.process)
-        return woken
 
     def _time_out(self, task: Task, turn: int) -> None:
         if task.turn == turn:
@@ -472,10 +465,10 @@ class Kernel:
 
         process.main = self.start("main", first, process)
         self._quiet = self._draw_quiet()
-        real, cpu = _real_monotonic(), _real_cpu()
+        cpu = _real_cpu()
         self._hand_on(None)
         self._done.acquire()
-        self.real, self.cpu = _real_monotonic() - real, _real_cpu() - cpu
+        self.cpu = _real_cpu() - cpu
 
     def stacks(self) -> str:
         """Return where each task is, a line for each."""
@@ -495,7 +488,7 @@ class Kernel:
 
 
 def _nothing() -> None:
-    """Be an event at which it is looked who can run."""
+    """Do nothing: after each event the scheduler looks who can run."""
 
 
 class _Running:

@@ -496,8 +496,8 @@ class Endpoint(OpenFile):
 
     # Sending
 
-    def send_stream(self, data: Buffer, passed: Passed) -> int:
-        """Send what there is room for; 0 if there is none.
+    def send_stream(self, data: Buffer, passed: Passed) -> int | None:
+        """Send what there is room for; None if there is none.
 
         Raises:
             OSError: the connection has ended.
@@ -509,7 +509,7 @@ class Endpoint(OpenFile):
                 fail(errno.ENOTCONN)
             fail(errno.EPIPE)
         if self._is_full():
-            return 0
+            return None
         piece = bytes(data)[: TCP_ROOM - self._under_way - peer.unread()]
         if not self.is_tcp:
             network().packets += 1
@@ -565,8 +565,8 @@ class Endpoint(OpenFile):
         listener = network().at(self.kind, self.name)
         return listener is not None and self in listener.pending
 
-    def send_packet(self, data: Buffer, address: Address, passed: Passed) -> int:
-        """Send a datagram, or a packet of a connection; -1 if there is no room.
+    def send_packet(self, data: Buffer, address: Address, passed: Passed) -> int | None:
+        """Send a datagram, or a packet of a connection; None if there is no room.
 
         Raises:
             OSError: there is nobody, or no connection.
@@ -593,7 +593,7 @@ class Endpoint(OpenFile):
         )
         if is_full:
             peer._senders[self] = None  # noqa: SLF001
-            return -1
+            return None
         network().packets += 1
         here().note("sent", self.label, piece)
         peer._packets.append((piece, hold(passed), self.name or None))  # noqa: SLF001
@@ -845,10 +845,9 @@ class Endpoint(OpenFile):
 
     def send(self, data: Buffer, address: Address, passed: Passed) -> int | None:
         """Send what there is room for; None if there is none."""
-        if not self.keeps_packets:
-            return self.send_stream(data, passed) or None if memoryview(data).nbytes else 0
-        sent = self.send_packet(data, address, passed)
-        return None if sent < 0 else sent
+        if self.keeps_packets:
+            return self.send_packet(data, address, passed)
+        return self.send_stream(data, passed) if memoryview(data).nbytes else 0
 
     def take(self, most: int, *, peek: bool) -> tuple[bytes, Passed, Address] | None:
         """Return what has arrived, what was passed with it, and who sent it; None if there is nothing."""

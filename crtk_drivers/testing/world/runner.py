@@ -39,7 +39,7 @@ class Host:
     """
 
     def __init__(self, file: Path, preload: Sequence[str] = (), *, fixed: bool = True) -> None:
-        self._file = file
+        self.file = file
         command = [
             sys.executable,
             "-m",
@@ -97,7 +97,7 @@ class Host:
             self._process.stdin.write(json.dumps(request).encode() + b"\n")
             self._process.stdin.flush()
         except BrokenPipeError as error:
-            raise WorldError(f"the process for the scenarios of {self._file} has ended") from error
+            raise WorldError(f"the process for the scenarios of {self.file} has ended") from error
 
     def answer(self, patience: float = PATIENCE) -> Outcome:
         """Return what came of the seed that was asked for.
@@ -111,13 +111,13 @@ class Host:
             if left <= 0.0 or not select.select([self], [], [], left)[0]:
                 self.close()
                 raise WorldError(
-                    f"a world of {self._file} is not done in {patience:g} s of real time: it computes for "
+                    f"a world of {self.file} is not done in {patience:g} s of real time: it computes for "
                     "ever, or it waits for the real system, past what is patched"
                 )
             piece = os.read(self.fileno(), 1 << 20)
             if not piece:
                 raise WorldError(
-                    f"the process for the scenarios of {self._file} has ended: most likely it cannot import "
+                    f"the process for the scenarios of {self.file} has ended: most likely it cannot import "
                     "the file; standard error says why"
                 )
             self._read += piece
@@ -197,7 +197,7 @@ def run(scenario: Callable[..., object], seed: int, **options: Any) -> Outcome:
     try:
         return host.run(name, seed, **options)
     except WorldError:
-        _hosts.pop(Path(inspect.getfile(scenario)).resolve(), host).close()
+        _hosts.pop(host.file, host).close()
         raise
 
 

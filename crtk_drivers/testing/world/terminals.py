@@ -72,6 +72,14 @@ class _Side(OpenFile):
     def unread(self) -> int:
         return len(self.incoming.data)
 
+    def take(self, most: int) -> bytes:
+        """Return up to so many bytes that have arrived."""
+        queue = self.incoming
+        found = bytes(queue.data[:most])
+        del queue.data[:most]
+        self.line.changed()
+        return found
+
     @override
     def write(self, data: Buffer) -> int:
         here().preempt()
@@ -83,8 +91,7 @@ class _Side(OpenFile):
             if room <= 0:
                 if not self.blocking:
                     return count or fail(errno.EAGAIN)
-                with files.held((self,)):
-                    here().wait((self.waiters,))
+                self.await_change()
                 continue
             piece, rest = bytes(rest[:room]), rest[room:]
             self.check_modes(piece)
@@ -189,12 +196,8 @@ class _Master(_Side):
                 fail(errno.EIO)
             if not self.blocking:
                 fail(errno.EAGAIN)
-            with files.held((self,)):
-                here().wait((self.waiters,))
-        found = bytes(queue.data[:most])
-        del queue.data[:most]
-        self.line.changed()
-        return found
+            self.await_change()
+        return self.take(most)
 
     @override
     def released(self) -> None:
@@ -257,12 +260,8 @@ class _Client(_Side):
                     return b""
             if not self.blocking:
                 fail(errno.EAGAIN)
-            with files.held((self,)):
-                here().wait((self.waiters,), None if least else end)
-        found = bytes(queue.data[:most])
-        del queue.data[:most]
-        self.line.changed()
-        return found
+            self.await_change(None if least else end)
+        return self.take(most)
 
     @override
     def released(self) -> None:
@@ -291,26 +290,29 @@ def openpty() -> tuple[int, int]:
 
 def open_(path: Any, flags: int, mode: int = 0o777, *, dir_fd: int | None = None) -> int:
     """As `os.open`; a terminal of the world is known by its name, or by a link to it."""
-    if dir_fd is None and is_terminal(path):
-        line = _terminals.get(_realpath(path))
-        if line is not None:
-            real = _open(path, flags | os.O_NOCTTY, mode)
-            client = _Client(line, real)
-            client.blocking = not flags & os.O_NONBLOCK
-            client.access = flags & os.O_ACCMODE
-            line.clients.append(client)
-            number = files.add(client)
-            files.look_at_real_files()
-            here().preempt()
-            return number
-    return _open(path, flags, mode, dir_fd=dir_fd)
+    line = _line_at(path) if dir_fd is None else None
+    if line is None:
+        return _open(path, flags, mode, dir_fd=dir_fd)
+    real = _open(path, flags | os.O_NOCTTY, mode)
+    client = _Client(line, real)
+    client.blocking = not flags & os.O_NONBLOCK
+    client.access = flags & os.O_ACCMODE
+    line.clients.append(client)
+    number = files.add(client)
+    files.look_at_real_files()
+    here().preempt()
+    return number
 
 
 def is_terminal(path: Any) -> bool:
     """Return whether a path leads to a terminal of the world."""
-    return (
-        bool(_terminals) and isinstance(path, str | os.PathLike) and _realpath(path) in _terminals
-    )
+    return _line_at(path) is not None
+
+
+def _line_at(path: Any) -> _Line | None:
+    if not _terminals or not isinstance(path, str | os.PathLike):
+        return None
+    return _terminals.get(_realpath(path))
 
 
 def _side(descriptor: Any) -> _Side:

@@ -385,16 +385,6 @@ def socketpair(family: int = -1, type: int = -1, proto: int = 0) -> tuple[Socket
     return one, other
 
 
-def close(descriptor: int) -> None:
-    """As `_socket.close`."""
-    files.close(descriptor)
-
-
-def dup(descriptor: int) -> int:
-    """As `_socket.dup`."""
-    return files.add(files.find(descriptor))
-
-
 def getdefaulttimeout() -> float | None:
     """As `_socket.getdefaulttimeout`."""
     return _Default.timeout
