@@ -211,7 +211,7 @@ class Scene:
         ):
             self.disturbed = now
         held = any(task.frozen_until >= kernel.now for task in kernel.tasks if not task.ended)
-        is_blocked = self.world.troubles.block
+        is_blocked = self.world.troubles.is_blocked
         self._sends_by_tcp |= any(end.owner is self.driver for end in self.world.network.streams)
         if is_blocked and self._sends_by_tcp:
             self.freed = now

@@ -128,7 +128,7 @@ class Troubles:
         self.struck: Counter[str] = Counter()
 
     @property
-    def block(self) -> bool:
+    def is_blocked(self) -> bool:
         """Whether the network lets nothing pass now."""
         return self._weather.blocked_until >= self._kernel.now
 
@@ -155,17 +155,17 @@ class Troubles:
             self.struck[_STALLS] += 1
             self._tell(f"[{number}] {_STALLS} for up to 0.03 s: {100.0 * stall:.2g} %")
 
-    def storm(self, begin: float, end: float, most: int) -> None:
-        """Let up to `most` faults come at random times, between two times from now (s)."""
-        draw = self._random
-        for _ in range(draw.randrange(most + 1)):
-            self._plan(begin + (end - begin) * draw.random(), draw)
+    def storm(self, begin: float, end: float, most: int, kinds: Sequence[str] = ()) -> None:
+        """Let faults come at random times.
 
-    def set_clocks(self, begin: float, end: float, most: int) -> None:
-        """Let the wall clock be set up to `most` times, between two times from now (s)."""
+        Args:
+            begin, end: between these two times, in s from now.
+            most: how many at most.
+            kinds: some of `FAULTS`; all if empty.
+        """
         draw = self._random
         for _ in range(draw.randrange(most + 1)):
-            self._plan(begin + (end - begin) * draw.random(), draw, ("step clock",))
+            self._plan(begin + (end - begin) * draw.random(), draw, kinds)
 
     def around(self, seconds: float, chance: float = 0.3) -> None:
         """Let a fault come within so many s from now, by chance: something important happens meanwhile."""
@@ -174,8 +174,8 @@ class Troubles:
         if is_chosen:
             self._plan(delay, draw)
 
-    def _plan(self, delay: float, draw: random.Random, names: Sequence[str] = ()) -> None:
-        name = draw.choice(names or tuple(_FAULTS))
+    def _plan(self, delay: float, draw: random.Random, kinds: Sequence[str] = ()) -> None:
+        name = draw.choice(kinds or FAULTS)
         seconds = draw.choice(LENGTHS) * (0.5 + draw.random())
         chosen = draw.random()
         number = self._admits()

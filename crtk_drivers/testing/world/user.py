@@ -59,10 +59,9 @@ def use(world: World, subject: Subject, *, operations: int = 25, faults: int = 1
     """
 
     def work(scene: Scene) -> None:
-        troubles = world.troubles
         # Without bad weather the wall clock alone is set, and nothing may depend on that.
-        plan = troubles.storm if world.wild else troubles.set_clocks
-        plan(0.05, 0.25 * operations, faults)
+        kinds = () if world.wild else ("step clock",)
+        world.troubles.storm(0.05, 0.25 * operations, faults, kinds)
         User(scene).work(operations)
         _close(scene)
 
