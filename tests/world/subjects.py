@@ -14,7 +14,7 @@ from crtk_drivers.testing.world.subject import Subject
 
 
 def _robotiq(server: Any) -> list[float]:
-    gripper = server._device._device
+    gripper = server.device._device
     low, high = gripper.band
     return [gripper.model.stroke * (high - gripper.position) / (high - low)]
 
@@ -33,16 +33,16 @@ def _canopen(server: Any) -> list[float]:
 
 
 def _copley(server: Any) -> list[float]:
-    return [drive.axis.position / _COUNTS for drive in server._device.drives]
+    return [drive.axis.position / _COUNTS for drive in server.device.drives]
 
 
 def _galil(server: Any) -> list[float]:
-    return [axis.position / _COUNTS for axis in server._device.axes[:3]]
+    return [axis.position / _COUNTS for axis in server.device.axes[:3]]
 
 
 def _jaw(server: Any) -> list[float]:
     """Return the opening of a gripper that has nothing between its fingers."""
-    device = getattr(server._device, "_device", server._device)
+    device = getattr(server.device, "_device", server.device)
     return [getattr(device, "gripper", device).jaw.opening]
 
 
