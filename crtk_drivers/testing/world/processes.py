@@ -262,7 +262,7 @@ _DEFAULTS: Final[Mapping[int, Any]] = {
     signal.SIGPIPE: signal.SIG_IGN,
     signal.SIGXFSZ: signal.SIG_IGN,
 }
-"""Of a program of Python."""
+"""Those that Python itself sets when a program begins."""
 
 
 def send_signal(process: Process, number: int) -> None:

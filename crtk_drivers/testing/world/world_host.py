@@ -45,7 +45,7 @@ _poll, _read, _write, _pipe, _close, _fork, _waitpid, _kill, _exit = (
 
 
 class RefusedError(Exception):
-    """What was asked for cannot be; its text says all."""
+    """A request cannot be carried out; the text says why."""
 
 
 def main() -> None:
