@@ -10,10 +10,13 @@ import array
 import asyncio
 import concurrent.futures
 import contextlib
+import copy
+import datetime
 import errno
 import fcntl
 import hashlib
 import os
+import pickle
 import queue
 import select
 import selectors
@@ -2322,6 +2325,52 @@ def signal_while_sleeping() -> Any:
         found.append(error.args[0])
     timer.join()
     return found
+
+
+def time_of_dates() -> Any:
+    now, utc = time.time(), datetime.UTC
+    looks = [
+        datetime.datetime.now(utc).timestamp(),
+        datetime.datetime.now().astimezone().timestamp(),
+        datetime.datetime.now().timestamp(),
+        datetime.datetime.today().timestamp(),
+        datetime.datetime.fromtimestamp(now, utc).timestamp(),
+        time.mktime(time.localtime()),
+        time.mktime(time.strptime(time.ctime())),
+        time.mktime(time.strptime(time.asctime())),
+        time.mktime(time.strptime(time.strftime("%Y %m %d %H %M %S"), "%Y %m %d %H %M %S")),
+        time.mktime(time.gmtime()) - time.mktime(time.gmtime(now)) + now,
+    ]
+    day = datetime.date.today()
+    return [abs(look - now) < PATIENCE for look in looks] + [
+        abs((day - datetime.date.fromtimestamp(now)).days) <= 1,
+        time.localtime(0.0) == time.localtime(0),
+        time.strftime("%Y", time.gmtime(0)),
+    ]
+
+
+def time_kinds_of_dates() -> Any:
+    moment = datetime.datetime(2026, 2, 3, 4, 5, 6, 7, tzinfo=datetime.UTC)
+    day, now = datetime.date(2026, 2, 3), datetime.datetime.now()
+    later = moment + datetime.timedelta(days=1)
+    return [
+        moment.isoformat(),
+        day.isoformat(),
+        later.isoformat(),
+        (later - moment).total_seconds(),
+        datetime.datetime.combine(day, moment.time()).isoformat(),
+        datetime.datetime.strptime("2026-02-03", "%Y-%m-%d").isoformat(),
+        datetime.datetime.fromisoformat("2026-02-03T04:05:06").isoformat(),
+        pickle.loads(pickle.dumps(moment)) == moment,
+        copy.deepcopy(day) == day,
+        [isinstance(each, datetime.datetime) for each in (moment, later, now, day)],
+        [isinstance(each, datetime.date) for each in (moment, now, day, 3)],
+        [issubclass(type(each), datetime.datetime) for each in (moment, day)],
+        issubclass(datetime.datetime, datetime.date),
+        repr(moment),
+        _try(datetime.datetime, 2026, 2, 31),
+        datetime.datetime.max.isoformat(),
+    ]
 
 
 def _programs() -> dict[str, Callable[[], Any]]:

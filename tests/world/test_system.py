@@ -83,6 +83,17 @@ def test_same_seed_gives_the_same_hash(host: Host) -> None:
         assert one.hash == other.hash
 
 
+def test_date_is_that_of_the_world(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for zone in ("Asia/Tokyo", "America/Lima"):
+        monkeypatch.setenv("TZ", zone)
+        with Host(FOLDER / "toys.py") as host:
+            found.append(host.run("dates", 1, arguments=["somewhere"]).result)
+    assert found[0] == found[1]
+    assert found[0][0].startswith("2030-03-17T18:")
+    assert found[0][1].startswith("2030-03-17 18:")
+
+
 def test_result_that_is_no_json_is_refused() -> None:
     with Host(FOLDER / "refused_programs.py") as host, pytest.raises(WorldError, match="JSON"):
         host.run("returns_no_json", 1)

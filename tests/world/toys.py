@@ -11,6 +11,7 @@ import os
 import socket
 import threading
 import time
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -25,6 +26,12 @@ _SECONDS: Final = 1.0
 def quiet(world: World, _device: str = "toy") -> None:
     """End at once."""
     world.say("nothing happens")
+
+
+def dates(world: World, zone: str) -> list[str]:
+    """Return what the clock on the wall says, wherever the machine is."""
+    world.say(f"the machine is in {zone}")
+    return [datetime.now().isoformat(), time.strftime("%Y-%m-%d %H:%M:%S %Z")]
 
 
 def broken(world: World, _device: str = "toy") -> None:

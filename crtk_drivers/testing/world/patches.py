@@ -9,6 +9,7 @@ import _socket
 import _thread
 import atexit
 import builtins
+import datetime
 import errno
 import fcntl
 import functools
@@ -67,7 +68,13 @@ _CLOCKS: Final[dict[str, Any]] = {
     "time": virtual_clocks.wall,
     "time_ns": virtual_clocks.time_ns,
     "sleep": virtual_clocks.sleep,
+    "localtime": virtual_clocks.localtime,
+    "gmtime": virtual_clocks.gmtime,
+    "asctime": virtual_clocks.asctime,
+    "ctime": virtual_clocks.ctime,
+    "strftime": virtual_clocks.strftime,
 }
+_DATES: Final[dict[str, Any]] = {"date": virtual_clocks.Date, "datetime": virtual_clocks.Datetime}
 _POLLING: Final[dict[str, Any]] = {
     "select": polling.select_,
     "poll": polling.Poll,
@@ -113,6 +120,7 @@ def install() -> None:
     for module, new in (
         (_thread, _THREADS),
         (time, _CLOCKS),
+        (datetime, _DATES),
         (select, _POLLING),
         (_socket, _SOCKETS),
     ):
@@ -128,6 +136,9 @@ def install() -> None:
     _put_terminals()
     _put_processes()
     _let_seeds_be_of_the_world()
+    virtual_clocks.let_dates_be_copied()
+    os.environ["TZ"] = "UTC"  # whatever the zone of this machine is
+    time.tzset()
 
 
 def _put(module: ModuleType, new: dict[str, Any]) -> None:
