@@ -6,6 +6,7 @@ import atexit
 import inspect
 import json
 import os
+import re
 import select
 import shutil
 import signal
@@ -18,11 +19,20 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
-from crtk_drivers.testing.world.world_host import AGAIN, folder_prefix
+from crtk_drivers.testing.world.world_host import AGAIN, HANG_FILE, HANG_SIGNAL, folder_prefix
 from crtk_drivers.testing.world.world_outcome import Outcome
 
 PATIENCE: Final = 180.0
 """s of real time within which a world must have ended."""
+_DUMP_TAKES: Final = 5.0
+"""s in which a world that hangs has written where."""
+_FRAME: Final = re.compile(r'  File "(.*/)?(?P<file>.*)", line (?P<line>\d+) in (?P<name>.*)')
+"""A line of what `faulthandler` writes: a thread after the other, the innermost call first."""
+_END_OF_DUMP: Final = "_run_module_as_main\n"
+"""The outermost call of the oldest thread, which comes last."""
+_HIDDEN: Final = ("kernel.py", "world.py", "world_host.py", "threading.py", "<frozen runpy>")
+_SHOWN: Final = 6
+"""Calls of a thread that hangs, the innermost ones."""
 
 
 class WorldError(RuntimeError):
@@ -109,10 +119,11 @@ class Host:
         while b"\n" not in self._read:
             left = deadline - time.monotonic()
             if left <= 0.0 or not select.select([self], [], [], left)[0]:
+                where = self._where_it_hangs()
                 self.close()
                 raise WorldError(
                     f"a world of {self.file} is not done in {patience:g} s of real time: it computes for "
-                    "ever, or it waits for the real system, past what is patched"
+                    f"ever, or it waits for the real system, past what is patched{where}"
                 )
             piece = os.read(self.fileno(), 1 << 20)
             if not piece:
@@ -127,6 +138,22 @@ class Host:
         if "error" in found:
             raise WorldError(found["error"])
         return Outcome.of_json(found)
+
+    def _where_it_hangs(self) -> str:
+        """Return in which functions the thread of the world is that runs, for the end of a message."""
+        os.killpg(self._process.pid, HANG_SIGNAL)
+        deadline = time.monotonic() + _DUMP_TAKES
+        dump = ""
+        while not dump.endswith(_END_OF_DUMP) and time.monotonic() < deadline:
+            dump = "".join(file.read_text() for file in self._folders(HANG_FILE))
+            time.sleep(0.02)
+        return "".join(f"; it is at {place}" for place in running_places(dump))
+
+    def _folders(self, inside: str = "") -> list[Path]:
+        """Return the folders of its worlds, or the files in them with a name."""
+        return list(
+            Path(tempfile.gettempdir()).glob(f"{folder_prefix(self._process.pid)}*/{inside}")
+        )
 
     def run(
         self, scenario: str, seed: int, *, patience: float = PATIENCE, **options: Any
@@ -144,7 +171,7 @@ class Host:
         """End the process; safe to repeat."""
         self.kill()
         self._process.wait()
-        for folder in Path(tempfile.gettempdir()).glob(f"{folder_prefix(self._process.pid)}*"):
+        for folder in self._folders():
             shutil.rmtree(folder, ignore_errors=True)  # it had no time to do so
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None and not pipe.closed:
@@ -158,6 +185,24 @@ class Host:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def running_places(dump: str) -> list[str]:
+    """Return where each thread is that does not wait for its turn, the outermost call first.
+
+    Args:
+        dump: what `faulthandler` has written of all threads of a world.
+    """
+    found = []
+    for thread in dump.split("\n\n"):
+        calls = list(_FRAME.finditer(thread))
+        if not calls or calls[0]["file"] == "kernel.py":
+            continue
+        shown = [call for call in calls if call["file"] not in _HIDDEN][:_SHOWN]
+        if shown:
+            places = [f"{call['file']}:{call['line']} {call['name']}" for call in reversed(shown)]
+            found.append(" > ".join(places))
+    return found
 
 
 _hosts: dict[Path, Host] = {}

@@ -9,6 +9,7 @@ reads its request after the fork, so that every child begins with the same memor
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import gc
 import importlib
 import importlib.util
@@ -27,6 +28,10 @@ from crtk_drivers.testing.world import patches
 
 AGAIN: Final = "--addresses-fixed"
 NAME: Final = "crtk_world_scenarios"
+HANG_SIGNAL: Final = signal.SIGUSR2
+"""At it, a world writes where each of its threads is."""
+HANG_FILE: Final = "where_it_hangs.txt"
+"""In the folder of the world: what it writes then."""
 _ADDR_NO_RANDOMIZE: Final = 0x0040000
 _HERE: Final = "/proc/self/cwd"
 
@@ -54,6 +59,9 @@ def main() -> None:
         _fix_addresses()
     arguments = [each for each in sys.argv[1:] if each != AGAIN]
     requests, answers = os.dup(0), os.dup(1)
+    signal.signal(
+        HANG_SIGNAL, signal.SIG_IGN
+    )  # it is for the child, and comes to the whole session
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)  # input() of a scenario ends at once, and takes no request
     os.close(nothing)
@@ -134,6 +142,7 @@ def _be_child(scenarios: Any, requests: int, answers: int, folder: str) -> None:
     try:
         line = _read_line(requests)
         os.chdir(folder)
+        faulthandler.register(HANG_SIGNAL, Path(HANG_FILE).open("w"))  # noqa: SIM115 - for its life
         if Path(_HERE).exists():  # the same name in each child, for a folder of its own
             tempfile.tempdir = _HERE
         _answer(answers, _run(scenarios, json.loads(line)))
