@@ -112,6 +112,12 @@ def test_wrong_scenario_says_why(host: Host, scenario: str, said: str) -> None:
         host.run(scenario, 1)
 
 
+def test_unknown_option_is_refused(host: Host) -> None:
+    said = "a world has no option wlid; it has wild, horizon, without"
+    with pytest.raises(WorldError, match=f"^{said}$"):
+        host.run("no_deadlock", 1, wlid=True)
+
+
 def test_scenario_is_a_plain_function() -> None:
     for each in (lambda _: None, str.upper, "scenario", Host):
         with pytest.raises(ValueError, match="a scenario is"):

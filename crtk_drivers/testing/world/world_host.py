@@ -13,6 +13,7 @@ import faulthandler
 import gc
 import importlib
 import importlib.util
+import inspect
 import json
 import os
 import select
@@ -166,6 +167,9 @@ def _read_line(requests: int) -> bytes:
 def _run(scenarios: Any, request: dict[str, Any]) -> dict[str, Any]:
     from crtk_drivers.testing.world.world import World
 
+    options = list(inspect.signature(World).parameters)[1:]
+    if wrong := ", ".join(request["options"].keys() - options):
+        raise RefusedError(f"a world has no option {wrong}; it has {', '.join(options)}")
     world = World(request["seed"], **request["options"])
     if log := request.get("log"):
         world.kernel.log = []
