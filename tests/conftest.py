@@ -29,7 +29,7 @@ from crtk_drivers.front import base
 from crtk_drivers.kit import child_process
 from crtk_drivers.ros import environment
 from crtk_sim_backends import process
-from rigs import examples, failures, programs, scheduling, warm_start
+from rigs import examples, failures, programs, scheduling, spent, warm_start
 from rigs.proof_table import proof_table
 
 # What a shell may hold that changes how ROS 2 talks, or with whom.
@@ -207,10 +207,15 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     """
     if call.excinfo is not None:
         item.config.hook.pytest_timeout_cancel_timer(item=item)
+    if call.when == "teardown":
+        item.user_properties.append((spent.CPU, spent.cpu() - item.stash[BEGAN]))
 
 
 AFTER_ITS_TIME = 60.0
 """Seconds past its time after which a test ends with its worker: it hangs in a library or its teardown."""
+
+BEGAN = pytest.StashKey[float]()
+"""Seconds that this process had computed when a test began."""
 
 STACKS = pytest.StashKey[int]()
 """Descriptor to which a worker writes the stacks of its threads when a test hangs."""
@@ -231,6 +236,8 @@ def pytest_configure(config: pytest.Config) -> None:
         stderr = os.dup(2)  # what a test writes there itself is captured
         file = config.option.failures
         config.pluginmanager.register(failures.Failures(stderr, Path(file) if file else None))
+        if file:
+            config.pluginmanager.register(spent.Spent())
     else:
         stacks = failures.stacks_of(given, WORKER)
         config.stash[STACKS] = os.open(stacks, os.O_WRONLY | os.O_CREAT)
@@ -242,6 +249,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """End a worker, and tell where it was, whose test `timeout` could not end: all would wait for it."""
+    item.stash[BEGAN] = spent.cpu()
     if not hasattr(item.config, "workerinput"):  # somebody looks on, perhaps with a debugger
         return (yield)
     marker = item.get_closest_marker("timeout")

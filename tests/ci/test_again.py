@@ -60,6 +60,15 @@ def test_it(case):
     assert False
 """
 
+COMPUTES = """
+import time
+
+def test_it():
+    end = time.process_time() + 1.6
+    while time.process_time() < end:
+        pass
+"""
+
 KILLS_ITS_WORKER = """
 import os
 import signal
@@ -210,3 +219,9 @@ def test_the_failures_are_in_the_file(tmp_path: Path) -> None:
         "how": "failed",
         "said": "AssertionError: run 1",
     }
+
+
+def test_what_computes_is_in_the_table(tmp_path: Path) -> None:
+    done = run_pytest(tmp_path, COMPUTES, "--numprocesses=1", "--failures=failures.json")
+    (row,) = re.findall(r"^ +(\d+) s +(\d+) s of CPU +1 tests  in all$", done.stdout, re.M)
+    assert min(map(int, row)) >= 1, done.stdout
