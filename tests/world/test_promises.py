@@ -24,6 +24,9 @@ KEPT: Final[dict[Case, str]] = {
     Case("ur", "farewell", 50003): (
         "A thread that stood still outlived close by 0.6 s, and the judge did not wait for it."
     ),
+    Case("onrobot", "use", 1796078373): (
+        "The simulator made up for 22 ms at once and arrived; where it was up to 2 ms before was judged."
+    ),
 }
 """Every case that ever failed, and what was wrong."""
 
