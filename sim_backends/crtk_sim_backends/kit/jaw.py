@@ -80,6 +80,9 @@ class Jaw:
         self.opening = self.widest = opening
         self.thing = Thing(width, stiffness) if width else None
         self.stalled = self.pressing = 0.0
+        self._met: Thing | None = (
+            None  # what has been in their way: it stays there, however far pressed
+        )
         self._slips = 0.0
 
     def follow(self, goal: float, speed: float, force: float, seconds: float) -> Met:
@@ -105,12 +108,13 @@ class Jaw:
         thing = self.thing
         if thing is None or thing.around is (goal < self.opening):
             return goal
-        give = force / thing.stiffness
-        if thing.around:
-            edge = thing.width + give
-            return min(goal, edge) if self.stalled or edge > self.opening - NEAR else goal
-        edge = thing.width - give
-        return max(goal, edge) if self.stalled or edge < self.opening + NEAR else goal
+        way = 1.0 if thing.around else -1.0
+        edge = thing.width + way * force / thing.stiffness
+        if self.stalled or way * (edge - self.opening) > -NEAR:
+            self._met = thing
+        if self._met is not thing:
+            return goal
+        return min(goal, edge) if thing.around else max(goal, edge)
 
     def slip(self, seconds: float) -> None:
         """Let what is held slip for a while, if it does."""

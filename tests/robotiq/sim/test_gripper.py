@@ -18,3 +18,11 @@ def test_a_reset_clears_the_grip_at_once() -> None:
 
     gripper.end(Fault("unpowered", {}))  # no time passes
     assert gripper.read(STATUS, 1) == bytes((RESET, 0))
+
+
+def test_fingers_pass_nothing_when_they_press_less() -> None:
+    jaw = Jaw(0.05, width=0.03)
+    for force, steps in ((80.0, 200), (235.0, 3), (80.0, 200)):
+        for _ in range(steps):
+            jaw.follow(0.0, 0.15, force, 0.002)
+    assert jaw.opening > 0.028
