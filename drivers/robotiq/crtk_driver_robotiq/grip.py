@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from crtk_driver_robotiq.registers import Activation, Command, Contact, Status
@@ -38,7 +39,7 @@ class Grip:
         self.doing = Doing.UNKNOWN
         self.moves = True
         self.echo.begin()
-        self._since = 0.0
+        self._since = -math.inf
         self._has_moved = True
         self._is_halted = False
         self._requested: int | None = None
@@ -75,7 +76,9 @@ class Grip:
         if status.contact is Contact.MOVING:
             self._has_moved = True
             return Doing.MOVING
-        if not self._has_moved and now - self._since < LAG:
+        # What is told as moving may be the end of the motion before, and what follows that as well.
+        is_believed = self._has_moved and status.ends_as_requested
+        if not is_believed and now - self._since < LAG:
             return Doing.MOVING
         self._has_moved = True
         return _AT[status.contact]

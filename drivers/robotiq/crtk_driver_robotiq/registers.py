@@ -19,6 +19,8 @@ SIZE: Final = 6
 COUNTS: Final = 255
 """The greatest position, speed and force."""
 
+_NEAR: Final = 2
+"""Counts by which fingers may miss what was asked for, away from the ends of their way."""
 _ACT: Final = 0x01
 _GTO: Final = 0x08
 
@@ -97,6 +99,20 @@ class Status:
     requested: int
     position: int
     current: float | None
+
+    @property
+    def ends_as_requested(self) -> bool:
+        """Whether the fingers are where gOBJ says that they have ended the way to what is echoed.
+
+        If not, it may be that of the way before: it comes later than the echo.
+        """
+        left = self.requested - self.position
+        return {
+            Contact.MOVING: False,
+            Contact.WHILE_OPENING: left <= 0,
+            Contact.WHILE_CLOSING: left >= 0,
+            Contact.AT_REQUEST: abs(left) <= _NEAR,
+        }[self.contact]
 
     def ahead(self, counts: int) -> int:
         """Return the position so many counts ahead on the way, but not beyond what was asked for."""

@@ -49,7 +49,7 @@ class SimConfig(ModbusOptions):
     closed: float = option(0.5, "how far it is closed at the start, from 0 to 1")
     band_open: float = option(3.0, "count (gPO) at which it is open as far as it goes")
     band_closed: float = option(230.0, "count at which it is closed as far as it goes")
-    object_lag: float = option(0.003, "gOBJ comes later than the echo of a request, by so many s")
+    object_lag: float = option(0.003, "gOBJ is told so many s late; the echo of a request is not")
     sweep_speed: float = option(
         0.0, "speed of its fingers in an activation, in m/s; 0: the greatest of the model"
     )

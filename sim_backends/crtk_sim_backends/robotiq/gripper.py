@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -89,7 +90,7 @@ class Gripper:
         jaw: its fingers.
         band: counts at which the fingers are open and closed as far as they go.
         activated: whether somebody has activated it already.
-        lag: seconds by which gOBJ comes later than the echo of a request.
+        lag: seconds by which gOBJ is told late; the echo of a request is not.
         sweep_speed: of its fingers in an activation, in m/s; 0: the greatest of the model.
         defects: what is wrong with it.
     """
@@ -120,7 +121,8 @@ class Gripper:
         self._state = RESET
         self._object = MOVING
         self._told = MOVING
-        self._told_late = 0.0
+        self._now = 0.0
+        self._to_tell: deque[tuple[float, int]] = deque()  # gOBJ, and from when on it is told
         self._fault = self._controller_fault = 0
         self._sweep: list[float] = []
         self.current = 0.0
@@ -164,6 +166,7 @@ class Gripper:
         if not action & ACT:
             self._state, self._sweep, self.current = RESET, [], 0.0
             self._object = self._told = MOVING  # a reset gripper reports no grip of before
+            self._to_tell.clear()
             self._fault = NOT_ACTIVE if action & GTO else 0
         elif not before[0] & ACT:
             self._state, self._sweep = ACTIVATING, [self.model.stroke, 0.0, self.model.stroke]
@@ -173,7 +176,7 @@ class Gripper:
         elif self._fault in (NOT_YET, NOT_ACTIVE):
             self._fault = 0
         if self.written != before and action & GTO:
-            self._object, self._told_late = MOVING, self._lag
+            self._object = MOVING
 
     @property
     def report(self) -> bytes:
@@ -191,9 +194,10 @@ class Gripper:
         self._quiet += seconds
         if self.powered and self._quiet > QUIET and not self._fault:
             self._fault = SILENCE
-        self._told_late = max(0.0, self._told_late - seconds)
-        if not self._told_late:
-            self._told = self._object
+        self._now += seconds
+        self._to_tell.append((self._now + self._lag, self._object))
+        while self._to_tell and self._to_tell[0][0] <= self._now:
+            _, self._told = self._to_tell.popleft()
         self.current = 0.0
         if not self.powered or self._fault >= MAJOR:
             return

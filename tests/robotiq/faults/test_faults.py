@@ -101,6 +101,19 @@ def test_an_object_detection_that_lags_is_waited_for(link: str) -> None:
             assert slow.front.measured_js().position[0] == pytest.approx(WIDTH, abs=0.003)
 
 
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize("link", LINKS)
+def test_end_of_the_move_before_is_no_arrival(link: str) -> None:
+    """The next one is sent as the fingers arrive, before gOBJ tells that."""
+    with bench(link, simulated={"object_lag": 0.1}) as slow:
+        slow.front.enable()
+        for goal in (0.06, 0.03, 0.06, 0.03):
+            slow.front.move_jp([goal])
+            eventually(lambda to=goal: abs(slow.simulated("opening") - to) < 0.001, "there")
+            assert slow.front.move_jp([0.0]).wait(LONG)
+            assert slow.simulated("opening") < 0.002
+
+
 def test_something_may_be_held_from_inside(line: RobotiqBench) -> None:
     line.front.enable()
     line.front.move_jp([0.01]).wait(LONG)

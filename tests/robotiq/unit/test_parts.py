@@ -128,6 +128,26 @@ def test_gobj_counts_at_once_after_motion_was_seen() -> None:
     assert grip.doing in HELD
 
 
+@pytest.mark.parametrize(
+    ("contact", "requested"),
+    [
+        (Contact.AT_REQUEST, 200),
+        (Contact.WHILE_CLOSING, 0),
+        (Contact.WHILE_OPENING, 200),
+    ],
+)
+def test_end_of_the_motion_before_is_not_believed(contact: Contact, requested: int) -> None:
+    """It ended as the next command came: gOBJ tells late that it moves, and then that it has ended."""
+    grip = Grip()
+    grip.delivered(Command(go=True, position=requested), 0.0)
+    late = replace(HOLDS, requested=requested, contact=Contact.MOVING)
+    grip.see(late, 0.01)
+    grip.see(replace(late, contact=contact), 0.02)
+    assert grip.doing is Doing.MOVING
+    grip.see(replace(late, contact=contact), LAG + 0.01)
+    assert grip.doing is not Doing.MOVING
+
+
 def test_gobj_lags_behind_the_echo_of_others_too() -> None:
     grip = Grip()
     grip.see(replace(HOLDS, requested=10, contact=Contact.AT_REQUEST), 0.0)
