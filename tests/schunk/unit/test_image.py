@@ -302,6 +302,22 @@ def test_a_stop_that_may_have_been_taken_is_no_arrival_either() -> None:
     assert grip.doing is Doing.STOPPED
 
 
+def test_a_command_that_a_stop_replaces_is_not_another_masters(gripper: Gripper) -> None:
+    """Its acknowledgement is late: that it was taken shows only after the idle image of the stop."""
+    gripper.turn()
+    gripper.shaken.ask(MOVE)
+    gripper.turn()
+    assert gripper.shaken.to_write() is MOVE, "on its way"
+    gripper.toggle = not gripper.toggle
+    gripper.shaken.ask(STOP)
+    while gripper.turn() is not STOP:
+        assert gripper.now < 1.0
+    assert gripper.shaken.by_others == 0
+    gripper.toggle = not gripper.toggle
+    gripper.turn()
+    assert gripper.shaken.by_others == 1
+
+
 def test_a_stop_that_is_written_past_the_handshake_is_not_another_masters(gripper: Gripper) -> None:
     gripper.turn()
     gripper.shaken.has_shouted = True

@@ -53,6 +53,7 @@ class Handshake:
         self._command: Command | None = None
         self._step = _Step.REST
         self._is_tried = self._is_withdrawn = False
+        self._has_replaced = False  # a command that may have been taken: its toggle is ours too
         self._toggle: bool | None = None
         self._since = 0.0
 
@@ -88,6 +89,7 @@ class Handshake:
         if waiting is not None and (self._step is _Step.REST or _stops(waiting)):
             self._command, self._next = waiting, None
             self._step, self.attempts = _Step.CLEAR, 0
+            self._has_replaced |= self._is_tried
             self._is_tried = self._is_withdrawn = False
         if self._step is _Step.CLEAR:
             return IDLE
@@ -105,14 +107,16 @@ class Handshake:
         """Take a status that was read; return the command that it shows to be taken."""
         before, self._toggle = self._toggle, State.TOGGLE in status.bits
         changed = before is not None and before is not self._toggle
+        is_replaced = False
         if self._step is _Step.BEFORE:
             self._step = _Step.SEND
+            is_replaced, self._has_replaced = self._has_replaced, False
         elif self._step is _Step.TAKEN:
             return self._answered(changed, now)
-        if changed and self.has_shouted:
+        if changed and self.has_shouted and not is_replaced:
             self.has_shouted = False
         else:
-            self.by_others += changed
+            self.by_others += changed and not is_replaced
         return None
 
     def _answered(self, is_taken: bool, now: float) -> Command | None:
