@@ -222,7 +222,9 @@ class WsgLink:
         for message in messages:
             self._take(message)
         now = time.monotonic()
-        self.orders.see(not self.moves, now)
+        # What is in the way of a move ends it anywhere.
+        is_anywhere = Command.WIDTH not in self.told or bool(self.flags & Flag.BLOCKED)
+        self.orders.see(not self.moves, now, None if is_anywhere else self.width)
         self._send(now)
         return not is_kept and any(about is Command.WIDTH for about, *_ in messages)
 

@@ -4,7 +4,7 @@ Answers name their command and nothing else. So the next one is sent when the on
 answer, and of an answer that two may have had, a refusal is the newer one's, an end the older one's. An
 end that comes late, of a motion that was replaced or was believed to have ended, would end the next:
 where one may still come, an end counts for the running motion if what is told after it says that it
-rests. Pure: no I/O.
+rests, and a move is where it was sent. Pure: no I/O.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ __all__ = ["Order", "Orders"]
 _OF_REPEATS: Final = frozenset({Status.RUNNING, Status.ABORTED})
 PATIENCE: Final = 0.5
 """Seconds after which a command without an answer is sent again, and an end that was not told is believed."""
+NEAR: Final = 1e-3
+"""Metres by which the width may miss that of a move that has ended well."""
 
 
 @dataclass(eq=False)
@@ -35,6 +37,11 @@ class Order:
     def end(self, status: int) -> None:
         """It has ended, unless it has before."""
         self.status = status if self.status is None else self.status
+
+    def is_done_at(self, width: float | None) -> bool:
+        """Whether it can have ended well at a width (m); None: at any."""
+        is_move = self.command is Command.MOVE
+        return width is None or not is_move or abs(width - self.values[0]) < NEAR
 
 
 class Orders:
@@ -107,27 +114,33 @@ class Orders:
         is_move = self.running is None or self.running.command is Command.MOVE
         return is_move and (self._rests or not order.tries)
 
-    def see(self, rests: bool, now: float) -> None:
-        """Take from its reports whether it rests: it may do so without ever having told the end."""
+    def see(self, rests: bool, now: float, width: float | None = None) -> None:
+        """Take from its reports whether it rests: it may do so without ever having told the end.
+
+        Args:
+            rests: it says that it goes nowhere.
+            now: monotonic seconds.
+            width: in m, at which a move must have ended; None: at any.
+        """
         self._rests = rests
         if self._doubtful is not None and not self.unseen:
-            self._resolve(rests)
+            self._resolve(rests, width)
         if self.running is None or self.unseen or not rests:
             self._still = None
         elif self._still is None:
             self._still = now
         elif now - self._still > PATIENCE:
             self._owed[self.running.command] += 1
-            self.running.end(Status.OK)
+            self.running.end(Status.OK if self.running.is_done_at(width) else Status.FAILED)
             self.running = None
 
-    def _resolve(self, rests: bool) -> None:
+    def _resolve(self, rests: bool, width: float | None) -> None:
         """Judge an end by what was told after it: it is the running motion's if nothing moves any more."""
         status, running, self._doubtful = self._doubtful, self.running, None
         assert status is not None
         if running is None:
             return
-        if rests:
+        if rests and (status != Status.OK or running.is_done_at(width)):
             running.end(status)
             self.running = None
             self._owed.clear()
@@ -159,6 +172,7 @@ class Orders:
         elif running is not None and self._owed[command] > 0:
             self._doubtful = status
             self._tell_anew(command)
+            self.unseen.add(Command.WIDTH)
         elif running is not None:
             running.end(status)
             self.running = None

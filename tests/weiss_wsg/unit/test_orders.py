@@ -112,6 +112,35 @@ def test_the_end_of_the_next_is_believed_where_that_of_the_first_is_never_told()
     assert (second.status, orders.running) == (Status.FAILED, None)
 
 
+def test_an_end_far_from_the_goal_is_not_that_of_the_next() -> None:
+    """That of the first comes late, and the next one has not begun to move when it is told anew."""
+    orders = Orders()
+    sent(orders, move(0.01))
+    orders.heed(Message(MOVE, PENDING))
+    second = sent(orders, move(0.02))
+    orders.heed(Message(MOVE, PENDING))
+    seen(orders)
+    orders.heed(Message(MOVE, OK))
+    assert Command.WIDTH in orders.unseen
+    seen(orders)
+    orders.see(rests=True, now=1.0, width=0.01)
+    assert (second.status, orders.running) == (None, second)
+    orders.see(rests=False, now=1.1, width=0.015)
+    orders.heed(Message(MOVE, OK))
+    assert second.status == OK
+
+
+def test_a_move_that_rests_on_its_way_has_failed() -> None:
+    """Its end was not told."""
+    orders = Orders()
+    order = sent(orders, move(0.02))
+    orders.heed(Message(MOVE, PENDING))
+    seen(orders)
+    orders.see(rests=True, now=1.0, width=0.01)
+    orders.see(rests=True, now=1.0 + 1.1 * PATIENCE, width=0.01)
+    assert order.status == Status.FAILED
+
+
 def test_a_doubled_end_is_no_end_of_the_next() -> None:
     orders = Orders()
     sent(orders, move())
