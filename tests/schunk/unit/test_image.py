@@ -274,6 +274,16 @@ def test_a_command_that_ends_at_once_is_believed_after_a_while() -> None:
     assert seen(grip, THERE, 1.0 + 1.1 * LAG) is Doing.THERE
 
 
+def test_an_arrival_elsewhere_is_that_of_the_move_before() -> None:
+    """It was told to move still when the command was taken, and then that it is there."""
+    grip = Grip()
+    grip.taken(MOVE, 1.0)
+    assert seen(grip, State(0), 1.01, 0.0398) is Doing.MOVING
+    assert seen(grip, THERE, 1.02, 0.04) is Doing.MOVING
+    assert seen(grip, State(0), 1.03, 0.041) is Doing.MOVING
+    assert seen(grip, THERE, 1.04, MOVE.position) is Doing.THERE
+
+
 def test_an_error_is_believed_at_once() -> None:
     grip = Grip()
     grip.taken(MOVE, 1.0)

@@ -13,6 +13,8 @@ LAG: Final = 0.15
 """Seconds after a command was taken in which the status may still be that of the one before."""
 STILL: Final = 0.2
 """Seconds without motion after which a gripper that reports no end of it rests."""
+NEAR: Final = 5e-4
+"""Metres by which fingers may miss the goal of a move that they tell to have reached."""
 STEP: Final = 20e-6
 """Metres that count as motion."""
 
@@ -68,7 +70,8 @@ class Grip:
         found = next((doing for bits, doing in _BY_BIT if bits in status.bits), None)
         if found in (None, Doing.PRESSING):
             self._has_begun = True
-        if found not in (None, Doing.ERROR) and not self._has_begun and now - self._since < LAG:
+        is_strange = not self._has_begun or (found is Doing.THERE and self._is_off(status.position))
+        if found not in (None, Doing.ERROR) and is_strange and now - self._since < LAG:
             found = None  # of the command before
         if found is None:
             found = Doing.MOVING if self._has_moved or self._taken else Doing.UNKNOWN
@@ -76,3 +79,10 @@ class Grip:
         self.runs_on = found is Doing.LOST and self._has_moved and now - self._moved <= STILL
         was_stopped = stops or (self._taken is not None and Control.STOP in self._taken.bits)
         self.doing = Doing.STOPPED if was_stopped and found is Doing.THERE else found
+
+    def _is_off(self, position: float) -> bool:
+        """Whether a position is not where the last command leads."""
+        taken = self._taken
+        if taken is None or Control.MOVE not in taken.bits:
+            return False
+        return abs(position - taken.position) > NEAR
