@@ -230,13 +230,21 @@ class Fresh(Judge):
     kind = "enabled with an old sample"
     promise = "A device whose samples have stopped coming is in FAULT within its declared time."
 
+    def __init__(self) -> None:
+        self._last = math.inf  # when a sample was valid last
+
     @override
     def look(self, scene: Scene) -> str | None:
-        engine = scene.engine
-        if engine is None or engine.status.state != "ENABLED" or _is_disturbed(scene):
+        engine, now = scene.engine, scene.now
+        if engine is None or engine.status.state != "ENABLED" or _is_held_up(scene):
+            self._last = now
             return None
-        age = engine._feedback.sample_age(scene.now)  # noqa: SLF001
-        age = max(age, scene.now - scene.silent)  # whatever the driver believes
+        age = engine._feedback.sample_age(now)  # noqa: SLF001
+        if age < math.inf:
+            self._last = now
+        else:
+            age = now - self._last  # it was lost a moment ago, and FAULT is about to be announced
+        age = max(age, now - scene.silent)  # whatever the driver believes
         if age <= engine.options.sample_timeout + _LOOKS + 0.05:
             return None
         return (
@@ -334,8 +342,13 @@ def _was_frozen(task: Task, now: int) -> bool:
 
 def _is_disturbed(scene: Scene) -> bool:
     """Return whether a process or an I/O thread stood still a moment ago."""
-    now = scene.world.kernel.now
-    return scene.now < scene.disturbed + _SETTLED or any(
+    return scene.now < scene.disturbed + _SETTLED or _is_held_up(scene)
+
+
+def _is_held_up(scene: Scene) -> bool:
+    """Return whether the driver's process, or an I/O thread of it, stood still a moment ago."""
+    driver, now = scene.driver, scene.world.kernel.now
+    return (driver is not None and driver.frozen_until > now - round(_SETTLED * NS)) or any(
         _was_frozen(task, now) for task in _named(scene, "io ")
     )
 

@@ -21,6 +21,7 @@ from crtk_drivers.session import start_sim_of
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.board import Observer
 from crtk_drivers.testing.world.kernel import NS, Process
+from crtk_drivers.testing.world.troubles import LATENESS
 from crtk_drivers.testing.world.world import World
 
 PERIOD: Final = 0.002
@@ -30,6 +31,8 @@ _SPEED_OVER: Final = 10
 _REMEMBERED: Final = 2000
 _UNDISTURBED: Final = 0.05
 """s after which a process that stood still has caught up."""
+_ON_ITS_WAY: Final = max(LATENESS)
+"""s that a packet is on its way at most, in bad weather."""
 _PATIENCE: Final = 20.0
 _STILL: Final = 0.01
 """rad/s (m/s) below which a joint stands, before the driver has said so."""
@@ -85,7 +88,8 @@ class Scene:
         still: rad/s (m/s) below which a joint stands, by what the driver declares.
         hindered: when last a process or an I/O thread stood still, or the network let nothing pass.
         freed: when the network last let pass what it had held back: commands, and the stop behind them.
-        silent: since when the simulator cannot have sent anything; infinite while it can.
+        silent: since when nothing new can have come: the simulator stands still, and the network has let pass
+            what was on its way; infinite while something can.
         stop_counts: whether a stop was begun, and no motion on purpose since.
         asked: until when somebody has asked for a motion.
         driver: the process of the driver; None before it begins.
@@ -217,8 +221,10 @@ class Scene:
             self.freed = now
         if held or self.disturbed == now or is_blocked:
             self.hindered = now
-        is_silent = all(p.frozen_until > kernel.now or not p.alive for p in self._simulators)
-        self.silent = min(self.silent, now) if is_silent else math.inf
+        is_silent = not is_blocked and all(
+            p.frozen_until > kernel.now or not p.alive for p in self._simulators
+        )
+        self.silent = min(self.silent, now + _ON_ITS_WAY) if is_silent else math.inf
         if self.engine is not None and self.engine.status.state == "ENABLED":
             self.enabled = now
 

@@ -19,7 +19,8 @@ LENGTHS: Final = (0.01, 0.1, 0.4, 1.5)
 """s that a fault lasts, one of them, times 0.5 to 1.5."""
 _BASES: Final = (20e-6, 100e-6, 1e-3)
 _MOMENT: Final = 20e-6
-_LATENESS: Final = (0.005, 0.05, 0.3)
+LATENESS: Final = (0.005, 0.05, 0.3)
+"""s by which a packet comes late at most, one of them."""
 
 
 @dataclass(slots=True)
@@ -141,7 +142,7 @@ class Troubles:
         """Let the network, and the threads' turns, be as they are on bad days."""
         draw = self._random
         self._weather.base = draw.choice(_BASES)
-        self._weather.lateness = draw.choice(_LATENESS)
+        self._weather.lateness = draw.choice(LATENESS)
         for trait in _TRAITS:
             has_it, share = draw.random() < trait.chance, draw.random() * trait.most
             if has_it and (number := self._admits()) is not None:
