@@ -97,13 +97,15 @@ def die(world: World, subject: Subject) -> None:
             world.kernel.end_process(driver, -9, silently=silently)
 
         user = User(scene)
-        goes_far = world.random.random() < 0.5
-        if goes_far:
+        begins = world.random.choice(("", "far move", "long stream"))
+        if begins:
             user.attempt("enable", user.until_enabled)
         world.kernel.after(0.2 + 2.0 * world.random.random(), kill)
-        if goes_far:
+        if begins == "far move":
             user.attempt("far move", user.far_move)
             time.sleep(_PATIENCE)
+        elif begins:
+            user.attempt("long stream", user.long_stream)
         user.work(1000)
 
     _play(world, subject, work)
@@ -139,6 +141,8 @@ def _close(scene: Scene) -> None:
         scene.arm.close()
     except DeviceError as error:
         world.say(f"closed with {type(error).__name__}: {error}")
+        if not world.wild:
+            world.find("it fails though nothing is wrong", f"close: {error}")
     else:
         scene.closed = scene.now
         world.say("closed")
@@ -312,6 +316,16 @@ class User:
             self._stream("servo_jv", wanted)
             time.sleep(_CYCLE)
 
+    def long_stream(self) -> None:
+        """Stream velocities, if the device takes them, for longer than any driver lives that is killed."""
+        if "servo_jv" not in self._arm.crtk_commands:
+            return
+        speed = self._scene.subject.velocity * self._random.choice((-1.0, 1.0))
+        wanted = np.full(self._lower.size, speed)
+        for _ in range(round(_PATIENCE / _CYCLE)):
+            self._stream("servo_jv", wanted)
+            time.sleep(_CYCLE)
+
     def _nonsense(self) -> None:
         """Send what must be refused, or must not be carried out as it is."""
         here, capabilities = self._set_last(), self._arm.engine.capabilities
@@ -332,7 +346,7 @@ class User:
                 self._send_move(values)
         except CommandRefused:
             return
-        if chosen in ("nan", "short"):
+        if chosen != "jump":
             self._scene.world.find("nonsense is accepted", f"move_jp {values}")
 
     def _stop_on_the_way(self) -> None:
