@@ -7,15 +7,40 @@ is what is wrong. This file is imported in patched Python, so it imports no pyte
 from __future__ import annotations
 
 import dataclasses
-import functools
 import threading
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any, Final, NamedTuple
+from typing import Any
 
 import numpy as np
-from world.subjects import SUBJECTS
+from world import planted_drivers
+from world.planted_table import (
+    BELIEVED,
+    CALM,
+    CONTRADICTS,
+    DEADLOCK,
+    DIED,
+    FAREWELL,
+    FAST,
+    FOR_EVER,
+    HORIZON,
+    LEFT,
+    MIXED,
+    MOVES,
+    NONSENSE,
+    NOT_ENABLED,
+    OLD,
+    PLANTED,
+    REASONLESS,
+    REFUSED,
+    SCENARIOS,
+    STAMP,
+    STUCK,
+    TOO_EARLY,
+    USE,
+    WAITS,
+    planted,
+)
 
 from crtk_driver_dynamixel import device as dynamixel_device
 from crtk_driver_dynamixel import part as dynamixel_part
@@ -25,83 +50,26 @@ from crtk_drivers.engine import cycle as engine_cycle
 from crtk_drivers.engine.intake import Intake
 from crtk_drivers.engine.threads import BusThread
 from crtk_drivers.engine.transitions import Transitions
-from crtk_drivers.errors import CommandRefused, DeviceError
+from crtk_drivers.errors import CommandRefused, DeviceError, Reason
+from crtk_drivers.gates.command import LARGEST, CommandCheck
 from crtk_drivers.kit import modbus_frames
 from crtk_drivers.kit.gripping.gripper_device import GripperDevice
 from crtk_drivers.kit.request_worker import RequestWorker
 from crtk_drivers.motion.arbiter import Arbiter
+from crtk_drivers.motion.executor import MotionExecutor
+from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.motion.stopping import Stopping
 from crtk_drivers.samples import Sample, Stamp, vector
 from crtk_drivers.state import StateCommand
-from crtk_drivers.testing.world import user
 
-USE, CALM, FAREWELL, DIE = "use", "calm", "farewell", "die"
-
-SCENARIOS: Final = SimpleNamespace(
-    **{
-        f"{name}_{way}": functools.partial(scenario, subject=subject)
-        for name, subject in SUBJECTS.items()
-        for way, scenario in {
-            USE: user.use,
-            CALM: user.use,
-            FAREWELL: user.farewell,
-            DIE: user.die,
-        }.items()
-    }
-)
-"""Each device by each way of using it."""
+__all__ = ["CALM", "PLANTED", "SCENARIOS", "planted_drivers"]
 
 
-class Planted(NamedTuple):
-    """A mistake.
-
-    Attributes:
-        plant: makes it.
-        text: what is wrong.
-        device: in whose driver it is looked for.
-        way: how that is used; all but `CALM` in bad weather.
-        kinds: of findings that count as finding it.
-        seeds: that may be needed at most, from 1 on.
-    """
-
-    plant: Callable[[], None]
-    text: str
-    device: str
-    way: str
-    kinds: frozenset[str]
-    seeds: int
-
-    @property
-    def scenario(self) -> str:
-        """Its name in this file."""
-        return f"SCENARIOS.{self.device}_{self.way}"
-
-
-PLANTED: Final[dict[str, Planted]] = {}
-"""All of them, by name."""
-
-
-def planted(
-    device: str, way: str, *kinds: str, seeds: int
-) -> Callable[[Callable[[], None]], Callable[[], None]]:
-    """Enter a function into the table."""
-
-    def enter(plant: Callable[[], None]) -> Callable[[], None]:
-        text = (plant.__doc__ or "").strip()
-        PLANTED[plant.__name__] = Planted(plant, text, device, way, frozenset(kinds), seeds)
-        return plant
-
-    return enter
-
-
-MOVES = "moves though nobody asks"
-NOT_ENABLED = "moves when not enabled"
-BELIEVED = "a stop is believed too early"
-STAMP = "a stamp is wrong"
-OLD = "enabled with an old sample"
-HORIZON = "not done at the horizon"
-LEFT = "close leaves something behind"
-REASONLESS = "refused without a reason"
+def __getattr__(name: str) -> Callable[[], None]:
+    """Return the mistake of this name, in whatever file it is: the host of a world asks here."""
+    if name in PLANTED:
+        return PLANTED[name].plant
+    raise AttributeError(name)
 
 
 # ------------------------------------------------------------------------------------------------ stops
@@ -125,7 +93,7 @@ def servos_are_not_told_to_stop() -> None:
     dynamixel_part.Part.ask_to_stop = lambda self: None
 
 
-@planted("robotiq", USE, "a stop is refused", seeds=10)
+@planted("robotiq", USE, REFUSED, seeds=10)
 def stop_is_refused_when_not_enabled() -> None:
     """`hold` is refused where the device is not ENABLED, or a state command is being carried out."""
     plain = Intake._hold
@@ -137,7 +105,7 @@ def stop_is_refused_when_not_enabled() -> None:
     Intake._hold = hold
 
 
-@planted("robotiq", USE, "a stop waits", seeds=10)
+@planted("robotiq", USE, WAITS, seeds=10)
 def stop_waits_for_the_check_of_a_move() -> None:
     """A move is judged, which may take a second, under a lock that a stop needs."""
     plain, own = Intake.submit, threading.Lock()
@@ -210,7 +178,7 @@ def connection_goes_on_with_the_old_move() -> None:
 # --------------------------------------------------------------------------- watchdogs, and who stands still
 
 
-@planted("robotiq", USE, "a stuck thread is no fault", seeds=20)
+@planted("robotiq", USE, STUCK, seeds=20)
 def nobody_looks_after_the_io_thread() -> None:
     """The watchdog finds nothing wrong with an I/O thread."""
     BusThread.trouble = lambda self, now: ""
@@ -227,7 +195,7 @@ def nobody_looks_at_the_age_of_samples() -> None:
     engine_cycle.Deadman = Blind
 
 
-@planted("robotiq", USE, "a thread died", seeds=20)
+@planted("robotiq", USE, DIED, seeds=20)
 def io_thread_ends_by_an_exception() -> None:
     """An unexpected error in a cycle ends the I/O thread."""
 
@@ -336,7 +304,7 @@ def stamp_has_the_clock_of_the_wall() -> None:
 # ---------------------------------------------------------------------------------------------------- wires
 
 
-@planted("robotiq", USE, STAMP, BELIEVED, "reached too early", seeds=30)
+@planted("robotiq", USE, STAMP, BELIEVED, TOO_EARLY, seeds=30)
 def answer_to_an_earlier_question_counts() -> None:
     """An answer is not compared with the question that waits for one."""
 
@@ -350,7 +318,7 @@ def answer_to_an_earlier_question_counts() -> None:
     modbus_frames.Mbap.feed = feed
 
 
-@planted("robotiq", USE, STAMP, MOVES, "beyond its limits", seeds=30)
+@planted("robotiq", USE, STAMP, MOVES, FAST, seeds=30)
 def piece_of_an_answer_counts_as_all() -> None:
     """What has come of an answer is taken for all of it; what is missing reads as 0."""
     plain = modbus_frames.Mbap.feed
@@ -365,7 +333,7 @@ def piece_of_an_answer_counts_as_all() -> None:
 # --------------------------------------------------------------------------------------------------- moves
 
 
-@planted("robotiq", USE, "reached too early", seeds=10)
+@planted("robotiq", USE, TOO_EARLY, seeds=10)
 def move_is_reached_when_it_was_sent() -> None:
     """A move of the gripper counts as reached when it was taken, wherever the fingers are."""
     GripperDevice.move_progress = lambda self: (
@@ -374,7 +342,7 @@ def move_is_reached_when_it_was_sent() -> None:
     GripperDevice.has_arrived = property(lambda self: self._hand.is_told)
 
 
-@planted("robotiq", USE, "two clients are mixed", seeds=10)
+@planted("robotiq", USE, MIXED, seeds=10)
 def stream_has_no_owner() -> None:
     """Whoever sends a setpoint takes part in a stream."""
     Arbiter.admit = lambda self, name, client, now: None
@@ -394,10 +362,85 @@ def refusal_says_nothing() -> None:
     Intake._require_enabled = require
 
 
+@planted("robotiq", USE, CONTRADICTS, seeds=20)
+def wait_is_false_for_a_move_that_was_stopped() -> None:
+    """`wait` returns False when the time is over, and also when the move was stopped."""
+
+    def wait(self: Any, timeout: float | None = None, is_busy: bool = False) -> bool:
+        return bool(self._ended.wait(timeout) and self.outcome is Outcome.REACHED)
+
+    Move.wait = wait
+
+
+@planted("robotiq", USE, NONSENSE, seeds=20)
+def nan_passes_the_checks() -> None:
+    """What is too large is refused by a comparison that NaN passes."""
+
+    def check_numbers(self: Any, command: Any, values: Any, field: str) -> None:
+        if (np.abs(values) > LARGEST).any():
+            raise CommandRefused(command.name, Reason.OUT_OF_RANGE, f"{field} is too large")
+
+    def check_range(self: Any, command: Any, values: Any) -> None:
+        if (values < self._lower).any() or (values > self._upper).any():
+            raise CommandRefused(command.name, Reason.OUT_OF_RANGE, "it is out of range")
+
+    CommandCheck._check_numbers, CommandCheck._check_range = check_numbers, check_range
+
+
+@planted("robotiq", USE, NONSENSE, FAST, seeds=40)
+def upper_limit_of_a_move_is_not_checked() -> None:
+    """The goal of a move is compared with the lower limits twice."""
+
+    def check_range(self: Any, command: Any, values: Any) -> None:
+        if not ((values >= self._lower) & (values >= self._lower)).all():
+            raise CommandRefused(command.name, Reason.OUT_OF_RANGE, "it is out of range")
+
+    CommandCheck._check_range = check_range
+
+
+# ------------------------------------------------------------------------------------- what hangs
+
+
+@planted("galil", USE, DEADLOCK, seeds=20)
+def two_locks_are_taken_in_two_orders() -> None:
+    """A command takes the lock of the state, then that of the mailbox; the I/O thread the other way round."""
+    plain_put, plain_step, mailbox = Intake._put, MotionExecutor.step, threading.Lock()
+
+    def put(self: Any, *args: Any) -> None:
+        with self._board.lock, mailbox:
+            plain_put(self, *args)
+
+    def step(self: Any, now: float) -> str:
+        with mailbox, self._board.lock:
+            pass
+        return plain_step(self, now)
+
+    Intake._put, MotionExecutor.step = put, step
+
+
+@planted("robotiq", USE, WAITS, HORIZON, seeds=20)
+def hold_waits_for_a_signal_that_may_have_come() -> None:
+    """`hold` waits to be woken when the device stands, and forgets that it has been."""
+    plain_hold, plain_follow, stands = Intake._hold, Stopping.follow, threading.Event()
+
+    def hold(self: Any, *args: Any) -> None:
+        plain_hold(self, *args)
+        stands.clear()
+        stands.wait()
+
+    def follow(self: Any, *args: Any) -> None:
+        was_confirmed = self.confirmed
+        plain_follow(self, *args)
+        if self.confirmed and not was_confirmed:
+            stands.set()
+
+    Intake._hold, Stopping.follow = hold, follow
+
+
 # --------------------------------------------------------------------------------------------------- close
 
 
-@planted("robotiq", FAREWELL, HORIZON, "all wait for ever", seeds=30)
+@planted("robotiq", FAREWELL, HORIZON, FOR_EVER, seeds=30)
 def close_waits_for_a_link_that_is_lost() -> None:
     """`close` waits until a stop is read back, also over a link that is lost."""
 

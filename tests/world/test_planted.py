@@ -17,6 +17,7 @@ SLOW = frozenset(
         "old_position_is_stamped_fresh",
         "move_is_carried_out_after_a_stop",
         "servo_that_is_silent_counts_as_read",
+        "hold_waits_for_a_signal_that_may_have_come",
     }
 )
 """Those that take more than 20 s, for the night."""
