@@ -45,7 +45,7 @@ GEAR: Final = 100.0
 # ---------------------------------------------------------------------------------------------------- ur
 
 
-@planted("ur", DIE, AFTER_DEATH, seeds=20)
+@planted("ur", DIE, AFTER_DEATH, seeds=30)
 def ur_program_goes_on_without_setpoints() -> None:
     """The control program goes on with its motion when nothing comes from the driver any more."""
     plain = ur_link.program_text
@@ -131,7 +131,7 @@ def onrobot_goal_is_in_millimetres() -> None:
 # --------------------------------------------------------------------------------------------- weiss-wsg
 
 
-@planted("weiss-wsg", USE, UNASKED, seeds=10)
+@planted("weiss-wsg", USE, UNASKED, seeds=20)
 def wsg_looks_for_its_reference_at_connection() -> None:
     """A gripper without a reference looks for it when it is connected, and not when it is enabled."""
     plain = WsgHand.open
