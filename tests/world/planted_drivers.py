@@ -17,7 +17,9 @@ from world.planted_table import (
     LEFT,
     MOVES,
     NOT_ENABLED,
+    OLD,
     STAMP,
+    STILL,
     TOO_EARLY,
     UNASKED,
     USE,
@@ -26,6 +28,7 @@ from world.planted_table import (
 
 from crtk_driver_canopen.units import GroupUnits
 from crtk_driver_galil.controller import GalilController
+from crtk_driver_onrobot.device import Talk
 from crtk_driver_onrobot.fingers import FingerHand
 from crtk_driver_ur import samples as ur_samples
 from crtk_driver_ur.native import link as ur_link
@@ -35,8 +38,9 @@ from crtk_driver_weiss_wsg.tables import Command as WsgCommand
 from crtk_drivers.engine import Engine
 from crtk_drivers.kit.axes.counting import Counting
 from crtk_drivers.kit.gripping.gripper_device import GripperDevice
+from crtk_drivers.kit.modbus_link import ModbusLink
 from crtk_drivers.kit.request_worker import RequestWorker
-from crtk_drivers.samples import vector
+from crtk_drivers.samples import Stamp, vector
 
 GEAR: Final = 100.0
 """Of the joints in `subjects.py`."""
@@ -115,6 +119,22 @@ def galil_socket_of_records_is_left_open() -> None:
 
 
 # ----------------------------------------------------------------------------------------------- onrobot
+
+
+@planted("onrobot", STILL, OLD, seeds=10)
+def onrobot_status_is_kept_for_later() -> None:
+    """While no answer comes, the last one is given again with a new stamp, however long that lasts."""
+    plain = Talk.exchange
+
+    def exchange(self: Any, command: Any, deadline: float) -> Any:
+        found = plain(self, command, deadline)
+        if found is not None:
+            self._last = found
+            return found
+        last = self.__dict__.get("_last")
+        return last and dataclasses.replace(last, stamp=Stamp.now(), delivered=None)
+
+    Talk.exchange, ModbusLink._lost_at = exchange, math.inf
 
 
 @planted("onrobot", CALM, FAILS, TOO_EARLY, seeds=10)

@@ -15,7 +15,7 @@ from world.subjects import SUBJECTS
 
 from crtk_drivers.testing.world import user
 
-USE, CALM, FAREWELL, DIE = "use", "calm", "farewell", "die"
+USE, CALM, FAREWELL, DIE, STILL = "use", "calm", "farewell", "die", "still"
 
 SCENARIOS: Final = SimpleNamespace(
     **{
@@ -26,6 +26,7 @@ SCENARIOS: Final = SimpleNamespace(
             CALM: user.use,
             FAREWELL: user.farewell,
             DIE: user.die,
+            STILL: user.still,
         }.items()
     }
 )

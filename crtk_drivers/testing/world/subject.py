@@ -93,6 +93,7 @@ class Scene:
         stop_counts: whether a stop was begun, and no motion on purpose since.
         asked: until when somebody has asked for a motion.
         driver: the process of the driver; None before it begins.
+        simulators: the processes of its simulator.
     """
 
     def __init__(self, world: World, subject: Subject) -> None:
@@ -105,7 +106,7 @@ class Scene:
         assert plugin.sim is not None
         simulator: Any = plugins.simulator(plugin.sim)
         self._server = simulator.serving[-1]
-        self._simulators = [each for each in world.kernel.processes if each not in before]
+        self.simulators = [each for each in world.kernel.processes if each not in before]
         self._pointed = plugin.sim_config(config, self.sim).model_dump(exclude_unset=True)
         self.arm: LocalDevice | None = None
         self.closing: float | None = None
@@ -222,7 +223,7 @@ class Scene:
         if held or self.disturbed == now or is_blocked:
             self.hindered = now
         is_silent = not is_blocked and all(
-            p.frozen_until > kernel.now or not p.alive for p in self._simulators
+            p.frozen_until > kernel.now or not p.alive for p in self.simulators
         )
         self.silent = min(self.silent, now + _ON_ITS_WAY) if is_silent else math.inf
         if self.engine is not None and self.engine.status.state == "ENABLED":

@@ -34,6 +34,8 @@ _SEEN: Final = 0.1
 """s for which a goal counts as reached: the arm may have been held up or moved on since."""
 _AFTERWARDS: Final = 0.5
 _AFTER_DEATH: Final = 4.0
+_STANDS_STILL: Final = 2.0
+"""s for which a simulator's process is stopped: longer than any driver waits for a sample."""
 _STOP_TAKES: Final = 0.3
 """s in which a stop is accepted: it waits for nothing."""
 _JUMP: Final = 0.6
@@ -110,6 +112,20 @@ def die(world: World, subject: Subject) -> None:
 
     _play(world, subject, work)
     time.sleep(_AFTER_DEATH)
+
+
+def still(world: World, subject: Subject) -> None:
+    """Let the simulator's process stand still while the device is ENABLED, and close."""
+
+    def work(scene: Scene) -> None:
+        user = User(scene)
+        user.attempt("enable", user.until_enabled)
+        for process in scene.simulators:
+            world.kernel.freeze(process, _STANDS_STILL)
+        time.sleep(_STANDS_STILL)
+        _close(scene)
+
+    _play(world, subject, work)
 
 
 def _play(world: World, subject: Subject, work: Callable[[Scene], None]) -> None:
