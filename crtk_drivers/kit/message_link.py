@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Final, Generic, NoReturn, TypeVar
@@ -30,6 +31,16 @@ class MessageLink(Generic[Message]):
 
     A damaged record is left out and counted. Some in a row are told (`notes`); many end the connection.
 
+    A network that passes nothing tells nobody. TCP keeps what is sent meanwhile, and delivers all of it when
+    the network is free again, although the driver is in FAULT, has closed the connection or was killed.
+    Nothing takes it back: so whoever streams setpoints looks at `unheard`, and sends none while the device
+    has not said a word for longer than it ever needs. A stop is sent at any time: it comes last, and ends
+    what was sent before it.
+
+    It is the device's word that counts. An acknowledgement of TCP may be 0.2 s late where nothing is
+    answered, and a gateway acknowledges what it only keeps. A connection that is reset, or given up by the
+    system (TCP_USER_TIMEOUT), drops the stop as well, and stays open at the controller.
+
     Args:
         transport: the way to the device.
         make_decoder: makes what turns its bytes into messages.
@@ -51,6 +62,7 @@ class MessageLink(Generic[Message]):
         self._lost_after = lost_after
         self._damaged = 0
         self._decoder = make_decoder()
+        self._unheard_since = math.inf
 
     @property
     def where(self) -> str:
@@ -64,6 +76,7 @@ class MessageLink(Generic[Message]):
             ConnectionFailed: not by the monotonic `deadline`.
         """
         self._begin_anew()
+        self._unheard_since = math.inf
         self._transport.open(deadline)
 
     def close(self) -> None:
@@ -76,7 +89,13 @@ class MessageLink(Generic[Message]):
         Raises:
             ConnectionLost: the connection is gone, or takes no more.
         """
+        self._unheard_since = min(self._unheard_since, time.monotonic())
         self._transport.write(data)
+
+    @property
+    def unheard(self) -> float:
+        """Seconds since something was sent after which no message came; 0 if one did. From any thread."""
+        return max(0.0, time.monotonic() - self._unheard_since)
 
     def read(self, deadline: float) -> list[Message]:
         """Return what has arrived, oldest first, as soon as there is a message; none by the deadline: [].
@@ -190,6 +209,8 @@ class MessageLink(Generic[Message]):
             messages = self._decoder.feed(data)
         except BadData as error:
             self._refuse(str(error))
+        if messages:
+            self._unheard_since = math.inf
         self._judge()
         return messages
 

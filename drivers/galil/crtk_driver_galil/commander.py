@@ -18,6 +18,8 @@ REMEDY: Final = (
 )
 MOST: Final = 24
 """Commands on their way, beyond which no setpoint is sent."""
+UNHEARD: Final = 0.03
+"""Seconds without any answer after which none is sent either: an answer takes milliseconds."""
 
 Take = Callable[[str], None]
 
@@ -77,8 +79,8 @@ class Commander:
 
     @property
     def is_busy(self) -> bool:
-        """Whether so many commands are on their way that no setpoint should follow them."""
-        return self.waiting >= MOST
+        """Whether no setpoint should follow what is on its way: it is much, or nothing is answered."""
+        return self.waiting >= MOST or self._link.unheard > UNHEARD
 
     def open(self, deadline: float) -> None:
         """Connect.

@@ -30,7 +30,7 @@ from crtk_drivers.kit.serial_port import SerialPort
 from crtk_drivers.kit.serial_server import ServerAddress, connect
 from crtk_drivers.kit.waiting_steps import LATE_LOOKS
 from rigs.full_queue import full_queue
-from rigs.waiting import LONG
+from rigs.waiting import LONG, eventually
 
 
 def soon() -> float:
@@ -292,6 +292,24 @@ def test_a_link_returns_messages_and_begins_anew(listener, transport):
 @pytest.fixture
 def link(transport):
     return MessageLink(transport, lambda: LineDecoder(int), "Is it a counter?", lost_after=5)
+
+
+def test_what_is_sent_is_unheard_until_a_message(transport, peer):
+    link = MessageLink(transport, lambda: LineDecoder(int))
+    assert link.unheard == 0.0, "nothing was sent"
+    link.write(b"first\n")
+    eventually(lambda: link.unheard > 0.05, "its age grows")
+    link.write(b"second\n")
+    assert link.unheard > 0.05, "the oldest counts"
+    peer.sendall(b"4")
+    assert link.read(time.monotonic() + 0.02) == []
+    assert link.unheard > 0.0, "half a message is none"
+    peer.sendall(b"2\n")
+    assert link.read(soon()) == [42]
+    assert link.unheard == 0.0
+    link.write(b"third\n")
+    link.open(soon())
+    assert link.unheard == 0.0, "it is another connection"
 
 
 @pytest.fixture

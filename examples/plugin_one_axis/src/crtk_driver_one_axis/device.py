@@ -38,6 +38,8 @@ RATE = 100.0
 REMEDY = "Is the stage on, and is this its address?"
 SILENCE = 0.2
 """Seconds after which the stage stops by itself when it hears nothing."""
+UNHEARD = 0.05
+"""Seconds without a report after which no setpoint is sent: it might be carried out much later."""
 FOLLOWING = Following(error=(0.02,), arrival=(1e-3,), lag=0.05)
 """The stage makes up for an error of position within 0.04 s (1/e), and a command takes a report's time."""
 
@@ -123,6 +125,9 @@ class OneAxisDevice(Linked[Report], Device):
 
     @override
     def write(self, setpoint: Setpoint) -> None:
+        if self._link.unheard > UNHEARD:
+            self.stop()  # a velocity that is on its way must not be the last that comes
+            return
         value = float(setpoint.values[0])
         if setpoint.mode is Mode.JOINT_POSITION:
             self._link.write(position_line(value))

@@ -38,6 +38,8 @@ RANGE = 2.0
 """rad, to both sides."""
 SILENCE = 0.2
 """Seconds after which the arm stops by itself when it hears nothing."""
+UNHEARD = 0.05
+"""Seconds without a report after which no setpoint is sent: it might be carried out much later."""
 
 
 class MyArmDevice(Linked[Report], Device):
@@ -112,6 +114,9 @@ class MyArmDevice(Linked[Report], Device):
 
     @override
     def write(self, setpoint: Setpoint) -> None:
+        if self._link.unheard > UNHEARD:
+            self.stop()  # a velocity that is on its way must not be the last that comes
+            return
         in_position = setpoint.mode is Mode.JOINT_POSITION
         line = position_line if in_position else velocity_line
         self._link.write(line(setpoint.values.tolist()))
