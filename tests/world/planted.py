@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 from world import planted_drivers
 from world.planted_table import (
+    AFTER_DEATH,
     BELIEVED,
     CALM,
     CONTRADICTS,
     DEADLOCK,
+    DIE,
     DIED,
     FAREWELL,
     FAST,
@@ -44,6 +46,7 @@ from world.planted_table import (
 
 from crtk_driver_dynamixel import device as dynamixel_device
 from crtk_driver_dynamixel import part as dynamixel_part
+from crtk_driver_galil.controller import GalilController
 from crtk_driver_ur.rtde.stream import RtdeStream
 from crtk_drivers.device import MoveProgress
 from crtk_drivers.engine import cycle as engine_cycle
@@ -52,7 +55,7 @@ from crtk_drivers.engine.threads import BusThread
 from crtk_drivers.engine.transitions import Transitions
 from crtk_drivers.errors import CommandRefused, DeviceError, Reason
 from crtk_drivers.gates.command import LARGEST, CommandCheck
-from crtk_drivers.kit import modbus_frames
+from crtk_drivers.kit import MessageLink, modbus_frames
 from crtk_drivers.kit.gripping.gripper_device import GripperDevice
 from crtk_drivers.kit.request_worker import RequestWorker
 from crtk_drivers.motion.arbiter import Arbiter
@@ -173,6 +176,13 @@ def connection_goes_on_with_the_old_move() -> None:
             self._hand.go(order, at_once=True)
 
     GripperDevice.move, GripperDevice.open = move, open_again
+
+
+@planted("galil", DIE, AFTER_DEATH, seeds=40)
+def setpoints_are_sent_though_nothing_is_heard() -> None:
+    """While the network is blocked, setpoints go on: TCP delivers them when the driver is gone."""
+    MessageLink.unheard = property(lambda self: 0.0)
+    GalilController.blind = 10.0
 
 
 # --------------------------------------------------------------------------- watchdogs, and who stands still

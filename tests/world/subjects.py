@@ -57,8 +57,10 @@ _WITHOUT_GRAVITY: Final = ",".join(
 
 _arm = partial(Subject, error=0.002, step=0.15, velocity=0.3)
 """Joints in rad."""
-_fingers = partial(Subject, arrival=0.002, error=0.001, early=0.05, step=0.03, velocity=0.03)
-"""An opening in m."""
+_fingers = partial(
+    Subject, arrival=0.002, error=0.001, early=0.05, lasts=5.0, step=0.03, velocity=0.03
+)
+"""An opening in m. A command is a whole move."""
 
 _ALL: Final = (
     _fingers(

@@ -18,6 +18,7 @@ SLOW = frozenset(
         "move_is_carried_out_after_a_stop",
         "servo_that_is_silent_counts_as_read",
         "hold_waits_for_a_signal_that_may_have_come",
+        "setpoints_are_sent_though_nothing_is_heard",
     }
 )
 """Those that take more than 20 s, for the night."""

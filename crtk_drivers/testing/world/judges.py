@@ -24,6 +24,8 @@ _SETTLED: Final = 0.7
 """s after a process stood still in which samples are old for good reason."""
 _STANDS: Final = 0.4
 """s after which nothing that was sent before is on its way."""
+_KEPT: Final = 0.05
+"""s of setpoints that a driver sends before it knows that nothing is heard of its device."""
 _OVERSPEED: Final = 1.25
 _LONG: Final = 100
 """Looks over which a simulator that was held up has caught up."""
@@ -326,10 +328,19 @@ def _declared(scene: Scene, engine: Engine) -> float:
 
 
 def _is_over(scene: Scene, since: float, allowed: float) -> bool:
-    """Return whether a device had its time to stand since it should, and since a network let pass again."""
-    held_back = scene.freed if scene.now > scene.freed else -math.inf
-    stop = scene.engine.capabilities.stop.time if scene.engine is not None else 0.0
-    return scene.now > max(since + allowed, held_back + stop + _LOOKS)
+    """Return whether a device had its time to stand since it should.
+
+    Later it moves only by the last setpoints that TCP kept while the network was blocked, and no farther than
+    these lead: a driver sends none once it hears nothing.
+    """
+    if scene.now <= since + allowed:
+        return False
+    assert scene.engine is not None
+    capabilities = scene.engine.capabilities
+    quickest = max(limit.acceleration for limit in capabilities.limits)
+    fast = scene.pace_when_blocked + quickest * _KEPT
+    is_led = scene.moved_since_freed <= (_KEPT + scene.subject.lasts) * fast
+    return not (is_led and scene.now <= scene.freed + capabilities.stop.time + _LOOKS)
 
 
 def _named(scene: Scene, begin: str) -> list[Task]:

@@ -537,7 +537,8 @@ class Endpoint(OpenFile):
 
         def arrive() -> None:
             self._under_way -= len(data or b"")
-            if peer.owner.vanished or peer.peer is not self:
+            # A machine that is gone sends nothing again of what it had kept.
+            if self.owner.vanished or peer.owner.vanished or peer.peer is not self:
                 return
             if data is None:
                 self._is_end_heard = True

@@ -28,6 +28,8 @@ PERIOD: Final = 0.002
 """s between two looks at the joints."""
 _SPEED_OVER: Final = 10
 """Looks over which a speed is measured."""
+_PACE_OVER: Final = 100
+"""Looks before the network is blocked over which it counts how fast a joint was."""
 _REMEMBERED: Final = 2000
 _UNDISTURBED: Final = 0.05
 """s after which a process that stood still has caught up."""
@@ -54,6 +56,7 @@ class Subject:
         early: s before its stamp at which a position may have been measured, by the device's documentation.
         late: s after its stamp at which it may have been.
         period: s between two steps of the simulator's model, if they are longer than `PERIOD`.
+        lasts: s for which the hardware goes on with the last command that it got, if nobody stops it.
         step: rad (m) of the longest move.
         velocity: rad/s (m/s) of the fastest stream.
     """
@@ -67,6 +70,7 @@ class Subject:
     early: float = 0.006
     late: float = math.inf
     period: float = PERIOD
+    lasts: float = 0.0
     step: float
     velocity: float
 
@@ -87,7 +91,8 @@ class Scene:
         disturbed: when a process stood still last.
         still: rad/s (m/s) below which a joint stands, by what the driver declares.
         hindered: when last a process or an I/O thread stood still, or the network let nothing pass.
-        freed: when the network last let pass what it had held back: commands, and the stop behind them.
+        freed: when the network last let pass what it had held back, if the driver has sent anything by TCP.
+        pace_when_blocked: rad/s (m/s) of the fastest joint before the network was last blocked, or meanwhile.
         silent: since when nothing new can have come: the simulator stands still, and the network has let pass
             what was on its way; infinite while something can.
         stop_counts: whether a stop was begun, and no motion on purpose since.
@@ -116,12 +121,14 @@ class Scene:
         self.enabled = self.disturbed = self.hindered = self.asked = world.now
         self.silent = math.inf
         self.freed = -math.inf
+        self.pace_when_blocked = 0.0
         self._sends_by_tcp = False  # what was sent is delivered after a connection is closed, too
         self.stop_counts = False
         self.driver: Process | None = None
         self._moves: list[Move] = []
         self._senders = 0
         self._looks: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_REMEMBERED)
+        self._freed_at: tuple[float, ...] = ()  # where the joints were then
         self.look()
 
     def connect(self) -> LocalDevice:
@@ -219,7 +226,9 @@ class Scene:
         is_blocked = self.world.troubles.is_blocked
         self._sends_by_tcp |= any(end.owner is self.driver for end in self.world.network.streams)
         if is_blocked and self._sends_by_tcp:
-            self.freed = now
+            before = self.pace_when_blocked if now - self.freed < 2.0 * PERIOD else 0.0
+            self.pace_when_blocked = max(before, self.speed, self.speed_over(_PACE_OVER))
+            self.freed, self._freed_at = now, self.joints
         if held or self.disturbed == now or is_blocked:
             self.hindered = now
         is_silent = not is_blocked and all(
@@ -244,6 +253,11 @@ class Scene:
         at, last = self._looks[-1]
         begin, before = self._looks[max(0, len(self._looks) - 1 - looks)]
         return _distance(last, before) / (at - begin) if at > begin else 0.0
+
+    @property
+    def moved_since_freed(self) -> float:
+        """How far the joints are from where they were when the network last let pass again, in rad (m)."""
+        return _distance(self.joints, self._freed_at) if self._freed_at else 0.0
 
     @property
     def is_moving(self) -> bool:

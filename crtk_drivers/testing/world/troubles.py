@@ -168,6 +168,12 @@ class Troubles:
         for _ in range(draw.randrange(most + 1)):
             self._plan(begin + (end - begin) * draw.random(), draw, kinds)
 
+    def block(self, delay: float, seconds: float) -> None:
+        """Let the network pass nothing for so many s, `delay` s from now."""
+        number = self._admits()
+        if number is not None:
+            self._kernel.after(delay, lambda: self._strike(number, "block", seconds, 0.0))
+
     def around(self, seconds: float, chance: float = 0.3) -> None:
         """Let a fault come within so many s from now, by chance: something important happens meanwhile."""
         draw = self._moments

@@ -36,6 +36,12 @@ _AFTERWARDS: Final = 0.5
 _AFTER_DEATH: Final = 4.0
 _STANDS_STILL: Final = 2.0
 """s for which a simulator's process is stopped: longer than any driver waits for a sample."""
+_BLOCKED: Final = 0.5
+"""s before a death within which the network may be blocked."""
+_LONG: Final = ("far move", "long stream")
+"""What a driver may be killed in."""
+_FREED: Final = 2.5
+"""s after a death within which it is free again: later than the devices declare for a stop, too."""
 _STOP_TAKES: Final = 0.3
 """s in which a stop is accepted: it waits for nothing."""
 _JUMP: Final = 0.6
@@ -99,10 +105,15 @@ def die(world: World, subject: Subject) -> None:
             world.kernel.end_process(driver, -9, silently=silently)
 
         user = User(scene)
-        begins = world.random.choice(("", "far move", "long stream"))
+        is_cut = world.wild and world.random.random() < 0.5
+        begins = world.random.choice(_LONG if is_cut else ("", *_LONG))
         if begins:
             user.attempt("enable", user.until_enabled)
-        world.kernel.after(0.2 + 2.0 * world.random.random(), kill)
+        moment = 0.2 + 2.0 * world.random.random()
+        world.kernel.after(moment, kill)
+        if is_cut:  # what it sends meanwhile is delivered when it is gone
+            before = _BLOCKED * world.random.random()
+            world.troubles.block(max(0.0, moment - before), before + _FREED * world.random.random())
         if begins == "far move":
             user.attempt("far move", user.far_move)
             time.sleep(_PATIENCE)

@@ -33,6 +33,7 @@ STAGE: Final = Subject(
     error=1e-3,
     early=math.inf,  # it only sends: nobody knows how long a report was on its way
     period=0.01,
+    lasts=PATIENCE,
     step=0.1,
     velocity=0.2,
 )
