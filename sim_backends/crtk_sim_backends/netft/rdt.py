@@ -114,9 +114,10 @@ class Stream:
         self, block: Block, clock: Clock, until: float, send: Callable[[memoryview], object]
     ) -> None:
         """Send the records of a block, one in a datagram, each when it is due, until a monotonic time."""
+        ready = self._ready(block, block.end)  # of a new block, which begins at another place
         due, step = clock.time_of(self._next), self._divisor / clock.rate
         place, sent = self._place, 0
-        for _ in range(self._ready(block, block.end)):
+        for _ in range(ready):
             if due > until:
                 break
             wait = due - time.monotonic()
