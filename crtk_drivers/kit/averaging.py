@@ -70,7 +70,10 @@ class Averaging:
 
 
 def differ(one: Average, other: Average, difference: Values, allowed: Values) -> bool:
-    """Whether a difference of two means (6,) is more than their noise and what is `allowed` (6,) besides."""
-    noise = np.maximum(one.deviation, other.deviation)
+    """Whether a difference of two means (6,) is more than their noise and what is `allowed` (6,) besides.
+
+    The noise is that of the quieter one: what changed within the other one is none.
+    """
+    noise = np.minimum(one.deviation, other.deviation)
     tolerance = SURE * noise / np.sqrt(min(one.count, other.count)) + allowed + 1e-9
     return bool((np.abs(difference) > tolerance).any())
