@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Final
 
 from typing_extensions import override
@@ -36,4 +37,5 @@ class StreamLine(RtuLine):
                 return
 
     def _stream(self, frame: bytes) -> None:
-        self.deal(self._distortion.on_the_line(frame))
+        sent = self._distortion.on_the_line(frame)
+        self._after(len(sent) * self._byte_time, partial(self.deal, sent))
