@@ -5,7 +5,9 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pytest
 
+from crtk_drivers.errors import TransitionFailed
 from crtk_drivers.kit.software_bias import SoftwareBias
 
 
@@ -18,4 +20,18 @@ def test_one_that_is_broken_off_leaves_the_bias_as_it_was() -> None:
     bias.take_off(loads, np.array((begin + 0.1, begin + 60.0)))
     next(steps)  # it is checked now
     steps.close()
+    assert (bias.load == before).all()
+
+
+def test_load_that_changes_meanwhile_is_no_noise() -> None:
+    before = np.zeros(6)
+    bias = SoftwareBias(before, np.full(6, 10.0), "ft_sensor", "a sensor")
+    steps = bias.measure()
+    next(steps)
+    times = time.monotonic() + np.linspace(0.001, 0.301, 150)
+    bias.take_off(np.where(times < times[100], 0.0, 5.0)[:, None] * np.ones(6), times)
+    next(steps)  # it is checked now
+    bias.take_off(np.full((50, 6), 5.0), time.monotonic() + np.linspace(0.001, 0.101, 50))
+    with pytest.raises(TransitionFailed, match="the load changed"):
+        next(steps)
     assert (bias.load == before).all()
