@@ -33,6 +33,18 @@ class Filter(Protocol):
         """Forget everything: the next value begins anew."""
 
 
+def behind_gap(times: NDArray[np.float64], before: float, longest: float) -> int:
+    """Return the index of the first value behind the last gap; -1 if there is none.
+
+    Args:
+        times: of values (n,), s, ascending.
+        before: of the value before them; infinite if there was none.
+        longest: s between two values that are no gap.
+    """
+    gaps = np.flatnonzero(np.diff(times, prepend=before) > longest)
+    return int(gaps[-1]) if gaps.size else -1
+
+
 class Mean:
     """The mean of each window of so many values.
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crtk_drivers.kit.sensing.filters import LONGEST, LowPass, Mean
+from crtk_drivers.kit.sensing.filters import LONGEST, LowPass, Mean, behind_gap
 
 loads = st.lists(st.floats(-1e6, 1e6), min_size=6, max_size=6)
 sizes = st.lists(st.integers(1, 3 * LONGEST), min_size=1, max_size=6)
@@ -105,3 +105,16 @@ def test_a_cut_off_that_cannot_be_is_refused(cutoff) -> None:
         LowPass(cutoff, 1000.0)
     with pytest.raises(ValueError, match="window"):
         Mean(0)
+
+
+@pytest.mark.parametrize(
+    ("times", "before", "index"),
+    [
+        ([1.0, 1.1, 1.2], 0.9, -1),
+        ([1.0, 1.1, 1.2], math.inf, -1),
+        ([1.0, 1.1, 1.2], 0.5, 0),
+        ([1.0, 1.5, 2.0, 2.1], 0.9, 2),
+    ],
+)
+def test_what_is_behind_the_last_gap_is_found(times, before, index) -> None:
+    assert behind_gap(np.array(times), before, 0.2) == index
