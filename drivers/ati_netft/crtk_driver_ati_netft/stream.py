@@ -34,6 +34,11 @@ RECEIVE_BUFFER: Final = 1 << 20
 MALFORMED_IN_A_ROW: Final = 1000
 """So many datagrams that are no records, with none between that is, end the connection."""
 
+STOPS: Final = 4
+"""Requests to stop, of which each may be lost."""
+QUIET: Final = 0.02
+"""Seconds without a record, and of three of them at the least, after which it has stopped."""
+
 _CHECK: Final = "Check the address, the cable, and that the sensor is on."
 
 logger = logging.getLogger(__name__)
@@ -197,12 +202,26 @@ class RdtStream:
 
     def close(self) -> None:
         """Stop the stream and disconnect. May be called twice."""
-        if self._socket is not None:
-            try:
-                self._send(Action.STOP)
-            except ConnectionLost as error:
-                logger.debug("%s", error)
+        try:
+            self._stop()
+        except (ConnectionLost, OSError) as error:
+            logger.debug("%s", error)
         self._release()
+
+    def _stop(self) -> None:
+        """Ask it to stop, again as long as it goes on: nothing says that a request has come."""
+        receiver, rate = self._receiver, self.record_rate
+        quiet = max(QUIET, 3.0 / rate) if rate else QUIET
+        for _ in range(STOPS):
+            if self._socket is None or receiver is None:
+                return
+            self._send(Action.STOP)
+            time.sleep(quiet)
+            while receiver.receive() is not None:
+                continue  # what was on its way
+            time.sleep(quiet)
+            if receiver.receive() is None:
+                return
 
     def _connect(self) -> None:
         peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
