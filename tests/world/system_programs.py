@@ -713,6 +713,21 @@ def udp_truncated() -> Any:
     return [*found, _plain(data), flags, _flags(other)]
 
 
+def udp_stamped() -> Any:
+    one, other = _udp(), _udp()
+    one.setsockopt(socket.SOL_SOCKET, 29, 1)  # SO_TIMESTAMP, which Python has no name for
+    before = time.time()
+    other.sendto(b"a", one.getsockname())
+    select.select([one], [], [], 1.0)
+    time.sleep(0.05)
+    _, ((level, kind, stamp),), flags, _ = one.recvmsg(10, socket.CMSG_SPACE(16))
+    seconds, micros = struct.unpack("@ll", stamp)
+    is_early = -1e-5 <= seconds + 1e-6 * micros - before < 0.04
+    other.sendto(b"b", one.getsockname())
+    select.select([one], [], [], 1.0)
+    return level, kind, flags, is_early, one.recvmsg(10, 8)[1:3]
+
+
 def udp_peek() -> Any:
     one, other = _udp(), _udp()
     one.sendto(b"abc", other.getsockname())

@@ -13,6 +13,7 @@ import ctypes
 import errno
 import os
 import socket
+import struct
 import sys
 import time
 from typing import Any, Final, NamedTuple, Protocol
@@ -28,7 +29,10 @@ SLOT: Final = 1536
 """Bytes of a datagram; a longer one is cut and its length says so."""
 
 _FLAGS: Final = int(socket.MSG_DONTWAIT | socket.MSG_TRUNC)
+_SO_TIMESTAMP: Final = 29
 _SO_TIMESTAMPNS: Final = 35
+_TIME: Final = struct.Struct("@ll")
+"""``struct timeval`` of 64-bit Linux."""
 _SO_RCVBUFFORCE: Final = 33
 _CONTROL_SIZE: Final = 64
 _CLOCK_STEP: Final = 0.001
@@ -40,6 +44,32 @@ class Datagrams(NamedTuple):
 
     Arrivals are monotonic seconds, of the kernel where it tells them, and do not descend.
     """
+
+
+class _Arrivals:
+    """From the kernel's stamps to the monotonic clock."""
+
+    def __init__(self) -> None:
+        self._wall_clock = WallClock()
+        self._offset: int | None = None
+
+    def of(self, wall_ns: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+        """Return when so many datagrams arrived (count,), monotonic s.
+
+        Args:
+            wall_ns: their stamps, in ns since the epoch; fewer than `count`: some have none.
+            count: of the datagrams.
+        """
+        offset = self._wall_clock.offset()
+        now = time.monotonic()
+        before, self._offset = self._offset, offset
+        was_set = before is not None and abs(offset - before) > _CLOCK_STEP * 1e9
+        if was_set or len(wall_ns) < count:
+            return np.full(count, now)
+        arrivals: NDArray[np.float64] = np.multiply(wall_ns - offset, 1e-9, dtype=np.float64)
+        if arrivals[0] > arrivals[-1] or arrivals[-1] > now:
+            arrivals = np.maximum.accumulate(np.minimum(arrivals, now))
+        return arrivals
 
     slots: NDArray[np.uint8]
     lengths: NDArray[np.uint32]
@@ -95,8 +125,7 @@ class BatchReceiver:
             ctypes.c_void_p,
         )
         self._address = ctypes.addressof(self._headers)
-        self._wall_clock = WallClock()
-        self._wall_offset: int | None = None
+        self._arrivals = _Arrivals()
         peer.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
     def receive(self) -> Datagrams | None:
@@ -107,24 +136,10 @@ class BatchReceiver:
             if code in (errno.EAGAIN, errno.EINTR):
                 return None
             raise OSError(code, os.strerror(code))
-        arrivals = self._arrivals(count)
+        told = self._control[:count][self._control_lengths[:count] > 0]
+        arrivals = self._arrivals.of(told[:, 2] * 1_000_000_000 + told[:, 3], count)
         self._control_lengths[:count] = _CONTROL_SIZE
         return Datagrams(self._data[:count], self._lengths[:count], arrivals)
-
-    def _arrivals(self, count: int) -> NDArray[np.float64]:
-        """Return the kernel's stamps on the monotonic clock; now, where there are none that can be used."""
-        offset = self._wall_clock.offset()
-        now = time.monotonic()
-        before, self._wall_offset = self._wall_offset, offset
-        was_set = before is not None and abs(offset - before) > _CLOCK_STEP * 1e9
-        if was_set or not self._control_lengths[:count].all():
-            return np.full(count, now)
-        control = self._control[:count]
-        nanoseconds = control[:, 2] * 1_000_000_000 + control[:, 3] - offset
-        arrivals: NDArray[np.float64] = np.multiply(nanoseconds, 1e-9, dtype=np.float64)
-        if arrivals[0] > arrivals[-1] or arrivals[-1] > now:
-            arrivals = np.maximum.accumulate(np.minimum(arrivals, now))
-        return arrivals
 
 
 class _IoVector(ctypes.Structure):
@@ -158,25 +173,32 @@ _HEADER_FIELDS: Final = np.dtype(
 
 
 class PlainReceiver:
-    """One by one, with the time of the call: where there is no `recvmmsg`.
+    """One by one, where there is no `recvmmsg`; stamped to the microsecond, where the system does that.
 
     Args:
         peer: a non-blocking UDP socket, which stays the caller's.
     """
 
     def __init__(self, peer: socket.socket) -> None:
-        self.kernel_stamps = False
         self._peer = peer
         self._data = np.zeros((MOST, SLOT), np.uint8)
         self._rows = [row.data for row in self._data]
         self._lengths = np.zeros(MOST, np.uint32)
+        self._arrivals = _Arrivals()
+        self.kernel_stamps = sys.platform == "linux" and sys.maxsize > 1 << 32
+        if self.kernel_stamps:
+            peer.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMP, 1)
 
     def receive(self) -> Datagrams | None:
         """See `Receiver`."""
         count = 0
+        stamps: list[int] = []
         try:
             for row in self._rows:
-                self._lengths[count] = self._peer.recv_into(row)
+                data, told, *_ = self._peer.recvmsg(SLOT, socket.CMSG_SPACE(_TIME.size))
+                row[: len(data)] = data
+                self._lengths[count] = len(data)
+                stamps += [_nanoseconds(stamp) for _, kind, stamp in told if kind == _SO_TIMESTAMP]
                 count += 1
         except BlockingIOError:
             pass
@@ -185,8 +207,13 @@ class PlainReceiver:
                 raise
         if not count:
             return None
-        arrivals = np.full(count, time.monotonic())
+        arrivals = self._arrivals.of(np.array(stamps, np.int64), count)
         return Datagrams(self._data[:count], self._lengths[:count], arrivals)
+
+
+def _nanoseconds(stamp: bytes) -> int:
+    seconds, micros = _TIME.unpack(stamp)
+    return 1_000_000_000 * int(seconds) + 1000 * int(micros)
 
 
 def receiver_for(peer: socket.socket) -> Receiver:

@@ -27,7 +27,7 @@ from crtk_drivers.testing.world.files import (
     fail,
     held,
 )
-from crtk_drivers.testing.world.kernel import NS, NotSimulated, Process, here
+from crtk_drivers.testing.world.kernel import EPOCH, NS, NotSimulated, Process, here
 
 Address = Any
 """As Python's sockets have it: host and port, or a path; bytes for an abstract name."""
@@ -228,6 +228,9 @@ class Endpoint(OpenFile):
         )  # descriptors between two places of it
         self._place = 0  # of its first byte, from the beginning
         self._packets: deque[tuple[bytes, Passed, Address]] = deque()
+        self._arrivals: deque[int] = deque()
+        self.arrived = 0
+        """When the UDP datagram that was taken last arrived, ns since the epoch; 0: there was none."""
         self._senders: dict[Endpoint, None] = {}  # who waits for room among the packets
         self._has_ended = False  # nothing comes any more
         self._is_shut = False  # nothing is sent any more
@@ -636,6 +639,7 @@ class Endpoint(OpenFile):
                 self.changed()
         elif len(peer._packets) < DATAGRAM_ROOM:  # noqa: SLF001 - another one of this kind
             peer._packets.append((data, [], source))  # noqa: SLF001
+            peer._arrivals.append(EPOCH + here().now + here().wall_offset)  # noqa: SLF001
             peer.changed()
 
     # Receiving
@@ -690,6 +694,7 @@ class Endpoint(OpenFile):
             data, _, sender = self._packets[0]
             return data, [], sender
         found = self._packets.popleft()
+        self.arrived = self._arrivals.popleft() if self._arrivals else 0
         senders, self._senders = self._senders, {}
         for each in senders:
             each.changed()

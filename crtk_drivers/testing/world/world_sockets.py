@@ -15,11 +15,13 @@ from typing_extensions import Buffer
 
 from crtk_drivers.testing.world import files
 from crtk_drivers.testing.world.files import READ, WRITE, fail
-from crtk_drivers.testing.world.kernel import NotSimulated, here
+from crtk_drivers.testing.world.kernel import NS, NotSimulated, here
 from crtk_drivers.testing.world.network import Address, Endpoint, Passed, drop
 
 _KIND_MASK: Final = 0xF
+_SO_TIMESTAMP: Final = 29
 _SO_TIMESTAMPNS: Final = 35
+_TIME: Final = struct.Struct("@ll")
 _BUFFERS: Final = (constants.SO_SNDBUF, constants.SO_RCVBUF)
 _BUFFER_SIZE: Final = 212_992
 """What Linux says of SO_SNDBUF and SO_RCVBUF if nobody has set them."""
@@ -95,7 +97,7 @@ class Socket:
         """Keep an option; SO_REUSEADDR and SO_LINGER change what happens.
 
         Raises:
-            OSError: this system does not have it (ENOPROTOOPT): it does not stamp what arrives.
+            OSError: this system does not have it (ENOPROTOOPT): it stamps what arrives to microseconds only.
         """
         end = self._open()
         if (level, name) == (constants.SOL_SOCKET, _SO_TIMESTAMPNS):
@@ -327,7 +329,7 @@ class Socket:
     def recvmsg(
         self, most: int, ancillary: int = 0, flags: int = 0
     ) -> tuple[bytes, list[tuple[int, int, bytes]], int, Address]:
-        """Return what has arrived, and the descriptors that came with it."""
+        """Return what has arrived, and the descriptors that came with it, or when a datagram did."""
         data, passed, sender = self._receive(most, flags)
         told = constants.MSG_TRUNC if len(data) > most else 0
         room = max(0, ancillary - constants.CMSG_LEN(0)) // array.array("i").itemsize
@@ -340,6 +342,13 @@ class Socket:
             if numbers
             else []
         )
+        end = self._open()
+        if end.arrived and end.options.get((constants.SOL_SOCKET, _SO_TIMESTAMP)):
+            if ancillary < constants.CMSG_LEN(_TIME.size):
+                told |= constants.MSG_CTRUNC
+            else:
+                stamp = _TIME.pack(end.arrived // NS, end.arrived % NS // 1000)
+                rights.append((int(constants.SOL_SOCKET), _SO_TIMESTAMP, stamp))
         return data[:most], rights, told, sender
 
     def recvmsg_into(self, buffers: Sequence[Any], *rest: int) -> Any:
