@@ -302,6 +302,8 @@ def options(words: Sequence[str] | None = None) -> argparse.Namespace:
             parser.error(f"--replay: there is no device {device}; there are {', '.join(DEVICES)}")
         if scenario not in SCENARIOS:
             parser.error(f"--replay: there is no scenario {scenario}: {', '.join(SCENARIOS)}")
+        if device not in SCENARIOS[scenario]:
+            parser.error(f"--replay: {scenario} is for {', '.join(SCENARIOS[scenario])}")
         if not seed.isdecimal():
             parser.error(f"--replay: a seed is a number, not {seed}")
     return given
@@ -324,6 +326,8 @@ def cases(given: argparse.Namespace) -> Iterator[Case]:
     for seed in seeds:
         for device in given.device or DEVICES:
             for scenario in given.scenario or SCENARIOS:
+                if device not in SCENARIOS[scenario]:
+                    continue
                 yield Case(device, scenario, seed, not given.fair, given.bug)
 
 

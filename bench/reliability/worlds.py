@@ -1,6 +1,6 @@
 """A seed, in a simulated world, of a device and a scenario: run, reduced to what it needs, told.
 
-The devices are those of `tests/world/subjects.py`, the scenarios those of `tests/world/promises.py`.
+Devices are those of `tests/world/subjects.py` and `instruments.py`, scenarios those of `promises.py`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ if str(TESTS) not in sys.path:
     sys.path.insert(0, str(TESTS))
 
 from world.promises import SCENARIOS  # noqa: E402 - it is in the folder of the tests
-from world.subjects import SUBJECTS  # noqa: E402
 
-DEVICES: Final = tuple(SUBJECTS)
+DEVICES: Final = tuple(dict.fromkeys(name for some in SCENARIOS.values() for name in some))
 __all__ = ["DEVICES", "FILE", "HORIZON", "SCENARIOS", "Case", "Runner", "shrunk", "story"]
 
 

@@ -7,12 +7,18 @@ from __future__ import annotations
 
 from typing import Final
 
+from world.instruments import INSTRUMENTS
 from world.subjects import SUBJECTS
 
-from crtk_drivers.testing.world import World, user
+from crtk_drivers.testing.world import World, user, watcher
 
-SCENARIOS: Final = ("use", "farewell", "die")
-"""Names of the functions below."""
+SCENARIOS: Final = {
+    "use": tuple(SUBJECTS),
+    "farewell": tuple(SUBJECTS),
+    "die": tuple(SUBJECTS),
+    "watch": tuple(INSTRUMENTS),
+}
+"""Names of the functions below, and the devices of each."""
 
 
 def use(world: World, device: str) -> None:
@@ -28,3 +34,8 @@ def farewell(world: World, device: str) -> None:
 def die(world: World, device: str) -> None:
     """Kill a device's driver while it works."""
     user.die(world, SUBJECTS[device])
+
+
+def watch(world: World, device: str) -> None:
+    """Read a device that measures, and set it in any way."""
+    watcher.watch(world, INSTRUMENTS[device])

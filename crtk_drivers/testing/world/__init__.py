@@ -7,13 +7,16 @@ search     many seeds, several at a time
 shrink     the fewest troubles that a finding needs
 Subject    a device whose truth is known, for the judges of all devices
 user       scenarios for a subject: what users do
+Instrument, ForceSensor  the same of a device that measures
+watcher    the scenario for these
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from crtk_drivers.testing.world import user
+    from crtk_drivers.testing.world import user, watcher
+    from crtk_drivers.testing.world.instrument import ForceSensor, Instrument
     from crtk_drivers.testing.world.kernel import NotSimulated
     from crtk_drivers.testing.world.runner import Host, WorldError, run, search, shrink
     from crtk_drivers.testing.world.subject import Subject
@@ -22,7 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Finding",
+    "ForceSensor",
     "Host",
+    "Instrument",
     "NotSimulated",
     "Outcome",
     "Subject",
@@ -32,12 +37,15 @@ __all__ = [
     "search",
     "shrink",
     "user",
+    "watcher",
 ]
 
 # Imported when first used: a host patches the standard library before anything that keeps its functions.
 _MODULES = {
     "Finding": "world_outcome",
+    "ForceSensor": "instrument",
     "Host": "runner",
+    "Instrument": "instrument",
     "NotSimulated": "kernel",
     "Outcome": "world_outcome",
     "Subject": "subject",

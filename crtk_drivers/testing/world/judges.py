@@ -16,11 +16,11 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.engine.threads import STALL_LIMIT, WATCHDOG_PERIOD
 from crtk_drivers.samples import JointState
 from crtk_drivers.testing.world.kernel import EPOCH, NS, Task
-from crtk_drivers.testing.world.subject import PERIOD, Scene
+from crtk_drivers.testing.world.subject import PERIOD, Scene, Setting
 
 _LOOKS: Final = 0.2
 """s that it may take until a change shows: a speed is measured over 20 ms, and cycles take time."""
-_SETTLED: Final = 0.7
+SETTLED: Final = 0.7
 """s after a process stood still in which samples are old for good reason."""
 _STANDS: Final = 0.4
 """s after which nothing that was sent before is on its way."""
@@ -29,7 +29,7 @@ _KEPT: Final = 0.05
 _OVERSPEED: Final = 1.25
 _LONG: Final = 100
 """Looks over which a simulator that was held up has caught up."""
-_CLOCKS: Final = 0.001
+CLOCKS: Final = 0.001
 """s by which the two clocks of a stamp, read one after the other, may differ."""
 _HELD: Final = NS // 5
 """ns in which a thread that stood still counts as disturbed."""
@@ -236,7 +236,7 @@ class Fresh(Judge):
         self._last = math.inf  # when a sample was valid last
 
     @override
-    def look(self, scene: Scene) -> str | None:
+    def look(self, scene: Setting) -> str | None:
         engine, now = scene.engine, scene.now
         if engine is None or engine.status.state != "ENABLED" or _is_held_up(scene):
             self._last = now
@@ -277,11 +277,11 @@ class Stamped(Judge):
         position, at = value.position.tolist(), stamp.monotonic
         if not all(map(math.isfinite, [*position, *value.velocity, *value.effort])):
             return f"measured_js is {value}, and published as valid"
-        if scene.now - at > engine.stale_after + _CLOCKS:
+        if scene.now - at > engine.stale_after + CLOCKS:
             return f"measured_js is valid, and {scene.now - at:.4f} s old"
         wall = (stamp.wall_ns - EPOCH - self._offset) / NS
-        was_set = scene.now < self._set_at + _SETTLED
-        if at > scene.now + _CLOCKS or not (was_set or abs(wall - at) < _CLOCKS):
+        was_set = scene.now < self._set_at + SETTLED
+        if at > scene.now + CLOCKS or not (was_set or abs(wall - at) < CLOCKS):
             return f"the stamp is {stamp}, of two moments or to come"
         begin, end = at - scene.subject.early - PERIOD, min(scene.now, at + scene.subject.late)
         if scene.was_at(position, begin, end, scene.subject.error):
@@ -304,7 +304,7 @@ class Stuck(Judge):
         self._since: dict[tuple[int, int], float] = {}
 
     @override
-    def look(self, scene: Scene) -> str | None:
+    def look(self, scene: Setting) -> str | None:
         engine, kernel = scene.engine, scene.world.kernel
         if engine is None or any(
             _was_frozen(task, kernel.now) for task in _named(scene, "watchdog")
@@ -343,7 +343,7 @@ def _is_over(scene: Scene, since: float, allowed: float) -> bool:
     return not (is_led and scene.now <= scene.freed + capabilities.stop.time + _LOOKS)
 
 
-def _named(scene: Scene, begin: str) -> list[Task]:
+def _named(scene: Setting, begin: str) -> list[Task]:
     return [task for task in scene.world.kernel.tasks if task.name.startswith(begin)]
 
 
@@ -351,15 +351,15 @@ def _was_frozen(task: Task, now: int) -> bool:
     return task.frozen_until > now - _HELD
 
 
-def _is_disturbed(scene: Scene) -> bool:
+def _is_disturbed(scene: Setting) -> bool:
     """Return whether a process or an I/O thread stood still a moment ago."""
-    return scene.now < scene.disturbed + _SETTLED or _is_held_up(scene)
+    return scene.now < scene.disturbed + SETTLED or _is_held_up(scene)
 
 
-def _is_held_up(scene: Scene) -> bool:
+def _is_held_up(scene: Setting) -> bool:
     """Return whether the driver's process, or an I/O thread of it, stood still a moment ago."""
     driver, now = scene.driver, scene.world.kernel.now
-    return (driver is not None and driver.frozen_until > now - round(_SETTLED * NS)) or any(
+    return (driver is not None and driver.frozen_until > now - round(SETTLED * NS)) or any(
         _was_frozen(task, now) for task in _named(scene, "io ")
     )
 

@@ -1,4 +1,8 @@
-"""A device under test: its driver, its simulator, and where its joints really are."""
+"""A device under test: its driver, its simulator, and where its joints really are.
+
+Scene    a device with joints, in a world
+Setting  what a device of any kind has there
+"""
 
 from __future__ import annotations
 
@@ -43,14 +47,26 @@ _MARGIN: Final = 1.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subject:
-    """A device, and what is true of it in its simulator.
+class Installed:
+    """A driver and its simulator, as a user sets them up.
 
     Attributes:
         device: name of the driver's plugin.
-        truth: returns where the joints are, in rad (m), from the simulator's server object.
         config: of the driver.
         sim_options: of the simulator, over those that suit the configuration.
+    """
+
+    device: str
+    config: Mapping[str, Any] = field(default_factory=dict)
+    sim_options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject(Installed):
+    """A device with joints, and what is true of it in its simulator.
+
+    Attributes:
+        truth: returns where the joints are, in rad (m), from the simulator's server object.
         arrival: rad (m) within which a move has reached its goal; None: as the driver declares.
         error: rad (m) by which a measured position may be off, its resolution and noise.
         early: s before its stamp at which a position may have been measured, by the device's documentation.
@@ -61,10 +77,7 @@ class Subject:
         velocity: rad/s (m/s) of the fastest stream.
     """
 
-    device: str
     truth: Callable[[Any], Sequence[float]]
-    config: Mapping[str, Any] = field(default_factory=dict)
-    sim_options: Mapping[str, Any] = field(default_factory=dict)
     arrival: float | None = None
     error: float
     early: float = 0.006
@@ -75,39 +88,33 @@ class Subject:
     velocity: float
 
 
-class Scene:
-    """A subject in a world: the simulator runs, and its joints are looked at all the time.
+class Setting:
+    """A device in a world: the simulator runs, a driver connects, and who stands still is known.
 
     Args:
         world: in which it is.
-        subject: that is tested.
+        installed: what is tested.
 
     Attributes:
         arm: the driver, once it is connected.
         closing: when the driver began to be closed (s); None before.
         closed: when it was closed without a complaint; None before.
         died: when its process was killed; None before.
-        enabled: when it was ENABLED last.
         disturbed: when a process stood still last.
-        still: rad/s (m/s) below which a joint stands, by what the driver declares.
         hindered: when last a process or an I/O thread stood still, or the network let nothing pass.
-        freed: when the network last let pass what it had held back, if the driver has sent anything by TCP.
-        pace_when_blocked: rad/s (m/s) of the fastest joint before the network was last blocked, or meanwhile.
         silent: since when nothing new can have come: the simulator stands still, and the network has let pass
             what was on its way; infinite while something can.
-        stop_counts: whether a stop was begun, and no motion on purpose since.
-        asked: until when somebody has asked for a motion.
         driver: the process of the driver; None before it begins.
         simulators: the processes of its simulator.
     """
 
-    def __init__(self, world: World, subject: Subject) -> None:
+    def __init__(self, world: World, installed: Installed) -> None:
         self.world = world
-        self.subject = subject
+        self._device = installed.device
         before = list(world.kernel.processes)
-        plugin = plugins.device(subject.device)
-        config = plugin.load_config(None, dict(subject.config))
-        self.sim = start_sim_of(plugin, config, subject.sim_options)
+        plugin = plugins.device(installed.device)
+        config = plugin.load_config(None, dict(installed.config))
+        self.sim = start_sim_of(plugin, config, installed.sim_options)
         assert plugin.sim is not None
         simulator: Any = plugins.simulator(plugin.sim)
         self._server = simulator.serving[-1]
@@ -117,23 +124,78 @@ class Scene:
         self.closing: float | None = None
         self.closed: float | None = None
         self.died: float | None = None
-        self.still = _STILL
-        self.enabled = self.disturbed = self.hindered = self.asked = world.now
+        self.disturbed = self.hindered = world.now
         self.silent = math.inf
+        self.driver: Process | None = None
+
+    def connect(self) -> LocalDevice:
+        """Connect the driver."""
+        arm = connect(self._device, config=self._pointed, timeout=_PATIENCE)
+        self.arm = arm
+        arm.engine.add_observer(_Announced(self.world, arm.operating_state()))
+        return arm
+
+    @property
+    def engine(self) -> Engine | None:
+        """Of the driver, once it is connected."""
+        return None if self.arm is None else self.arm.engine
+
+    @property
+    def now(self) -> float:
+        """Monotonic clock, s."""
+        return self.world.now
+
+    def look(self) -> None:
+        """Look who stands still, and whether anything passes."""
+        now, kernel = self.now, self.world.kernel
+        if any(
+            p.frozen_until >= kernel.now - _UNDISTURBED * NS for p in kernel.processes if p.alive
+        ):
+            self.disturbed = now
+        held = any(task.frozen_until >= kernel.now for task in kernel.tasks if not task.ended)
+        is_blocked = self.world.troubles.is_blocked
+        if held or self.disturbed == now or is_blocked:
+            self.hindered = now
+        is_silent = not is_blocked and all(
+            p.frozen_until > kernel.now or not p.alive for p in self.simulators
+        )
+        self.silent = min(self.silent, now + _ON_ITS_WAY) if is_silent else math.inf
+
+
+class Scene(Setting):
+    """A subject in a world: its joints are looked at all the time.
+
+    Args:
+        world: in which it is.
+        subject: that is tested.
+
+    Attributes:
+        enabled: when it was ENABLED last.
+        still: rad/s (m/s) below which a joint stands, by what the driver declares.
+        freed: when the network last let pass what it had held back, if the driver has sent anything by TCP.
+        pace_when_blocked: rad/s (m/s) of the fastest joint before the network was last blocked, or meanwhile.
+        stop_counts: whether a stop was begun, and no motion on purpose since.
+        asked: until when somebody has asked for a motion.
+    """
+
+    def __init__(self, world: World, subject: Subject) -> None:
+        super().__init__(world, subject)
+        self.subject = subject
+        self.still = _STILL
+        self.enabled = self.asked = world.now
         self.freed = -math.inf
         self.pace_when_blocked = 0.0
         self._sends_by_tcp = False  # what was sent is delivered after a connection is closed, too
         self.stop_counts = False
-        self.driver: Process | None = None
         self._moves: list[Move] = []
         self._senders = 0
         self._looks: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_REMEMBERED)
         self._freed_at: tuple[float, ...] = ()  # where the joints were then
         self.look()
 
+    @override
     def connect(self) -> LocalDevice:
-        """Connect the driver."""
-        arm = connect(self.subject.device, config=self._pointed, timeout=_PATIENCE)
+        arm = super().connect()
         stopping = arm.engine._stopping  # noqa: SLF001 - a judge looks where nobody else may
         plain_again, plain_stop = stopping.moves_again, stopping.stop
 
@@ -149,8 +211,6 @@ class Scene:
         stopping.stop = stop  # type: ignore[method-assign]
         speeds = still_speeds(arm.engine.capabilities, arm.engine.device.velocity_steps)
         self.still = _MARGIN * max(speeds, default=_STILL)
-        self.arm = arm
-        arm.engine.add_observer(_Announced(self.world, arm.operating_state()))
         return arm
 
     @property
@@ -164,16 +224,6 @@ class Scene:
                 f"{self.subject.device}: it declares no arrival, so its subject gives one"
             )
         return max(following.arrival)
-
-    @property
-    def engine(self) -> Engine | None:
-        """Of the driver, once it is connected."""
-        return None if self.arm is None else self.arm.engine
-
-    @property
-    def now(self) -> float:
-        """Monotonic clock, s."""
-        return self.world.now
 
     # What was asked for
 
@@ -213,28 +263,18 @@ class Scene:
 
     # The truth
 
+    @override
     def look(self) -> None:
         """Look where the joints are, who is enabled, and who stands still."""
-        now, kernel = self.now, self.world.kernel
+        super().look()
+        now = self.now
         if self.sim.running:
             self._looks.append((now, tuple(self.subject.truth(self._server))))
-        if any(
-            p.frozen_until >= kernel.now - _UNDISTURBED * NS for p in kernel.processes if p.alive
-        ):
-            self.disturbed = now
-        held = any(task.frozen_until >= kernel.now for task in kernel.tasks if not task.ended)
-        is_blocked = self.world.troubles.is_blocked
         self._sends_by_tcp |= any(end.owner is self.driver for end in self.world.network.streams)
-        if is_blocked and self._sends_by_tcp:
+        if self.world.troubles.is_blocked and self._sends_by_tcp:
             before = self.pace_when_blocked if now - self.freed < 2.0 * PERIOD else 0.0
             self.pace_when_blocked = max(before, self.speed, self.speed_over(_PACE_OVER))
             self.freed, self._freed_at = now, self.joints
-        if held or self.disturbed == now or is_blocked:
-            self.hindered = now
-        is_silent = not is_blocked and all(
-            p.frozen_until > kernel.now or not p.alive for p in self.simulators
-        )
-        self.silent = min(self.silent, now + _ON_ITS_WAY) if is_silent else math.inf
         if self.engine is not None and self.engine.status.state == "ENABLED":
             self.enabled = now
 

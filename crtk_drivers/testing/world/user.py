@@ -23,7 +23,7 @@ from crtk_drivers.samples import Vector
 from crtk_drivers.state import OperatingState, StateCommand
 from crtk_drivers.testing.world.judges import judge
 from crtk_drivers.testing.world.kernel import NS
-from crtk_drivers.testing.world.subject import Scene, Subject
+from crtk_drivers.testing.world.subject import Scene, Setting, Subject
 from crtk_drivers.testing.world.world import World
 
 MOMENT: Final = 0.01
@@ -71,7 +71,7 @@ def use(world: World, subject: Subject, *, operations: int = 25, faults: int = 1
         kinds = () if world.wild else ("step clock",)
         world.troubles.storm(0.05, 0.25 * operations, faults, kinds)
         User(scene).work(operations)
-        _close(scene)
+        close(scene)
 
     _play(world, subject, work)
 
@@ -87,7 +87,7 @@ def farewell(world: World, subject: Subject) -> None:
         user.pause(0.1)
         user.attempt("move", lambda: user.move(waits=False))
         user.pause(world.random.choice((0.03, 0.1, 0.8)))
-        _close(scene)
+        close(scene)
 
     _play(world, subject, work)
 
@@ -156,7 +156,7 @@ def _play(world: World, subject: Subject, work: Callable[[Scene], None]) -> None
     world.join(world.start("driver", drive))
 
 
-def _close(scene: Scene) -> None:
+def close(scene: Setting) -> None:
     """Close the driver, and go on looking for a while."""
     world = scene.world
     assert scene.arm is not None
@@ -181,7 +181,7 @@ def _close(scene: Scene) -> None:
         _find_leaks(scene)
 
 
-def _ran_again(scene: Scene) -> float:
+def _ran_again(scene: Setting) -> float:
     """Return when the last thread that the world kept from running in the driver may run again (s)."""
     driver = scene.driver
     assert driver is not None
@@ -194,7 +194,7 @@ def _ran_again(scene: Scene) -> float:
     return max(held) / NS
 
 
-def _find_leaks(scene: Scene) -> None:
+def _find_leaks(scene: Setting) -> None:
     """Report what a driver that was closed has left in its process: threads and descriptors."""
     kernel, driver = scene.world.kernel, scene.driver
     assert driver is not None
