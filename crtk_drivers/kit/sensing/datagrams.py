@@ -45,6 +45,10 @@ class Datagrams(NamedTuple):
     Arrivals are monotonic seconds, of the kernel where it tells them, and do not descend.
     """
 
+    slots: NDArray[np.uint8]
+    lengths: NDArray[np.uint32]
+    arrivals: NDArray[np.float64]
+
 
 class _Arrivals:
     """From the kernel's stamps to the monotonic clock."""
@@ -70,10 +74,6 @@ class _Arrivals:
         if arrivals[0] > arrivals[-1] or arrivals[-1] > now:
             arrivals = np.maximum.accumulate(np.minimum(arrivals, now))
         return arrivals
-
-    slots: NDArray[np.uint8]
-    lengths: NDArray[np.uint32]
-    arrivals: NDArray[np.float64]
 
 
 class Receiver(Protocol):

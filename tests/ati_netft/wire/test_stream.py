@@ -155,7 +155,7 @@ def test_a_wall_clock_that_is_set_does_not_move_the_arrivals(monkeypatch, shift)
         there.sendto(b"x", here.getsockname())
         assert receiver.receive() is not None
         shifted = WallClock(wall=lambda: time.time_ns() + shift * 10**9)
-        monkeypatch.setattr(receiver, "_wall_clock", shifted)
+        monkeypatch.setattr(receiver._arrivals, "_wall_clock", shifted)
         there.sendto(b"x", here.getsockname())
         before = time.monotonic()
         found = receiver.receive()
