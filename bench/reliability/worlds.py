@@ -38,7 +38,8 @@ class Case:
         scenario: name of a function that takes a world and the device.
         seed: of all that happens.
         wild: whether there are bad weather and faults.
-        bug: name of a mistake that is planted first, a function in `tests/world/planted.py`.
+        bug: name of a mistake that is planted first, a function in `tests/world/planted.py`, or as
+            ``planted_sensors:name`` of another file there.
     """
 
     device: str
@@ -91,7 +92,7 @@ class Runner:
                 case.seed,
                 patience=self._patience,
                 arguments=[case.device],
-                before=f"planted:{case.bug}" if case.bug else "",
+                before=case.bug if not case.bug or ":" in case.bug else f"planted:{case.bug}",
                 log=log,
                 wild=case.wild,
                 horizon=HORIZON,

@@ -7,16 +7,18 @@ from __future__ import annotations
 
 from typing import Final
 
+from world.haptics import HAPTICS
 from world.instruments import INSTRUMENTS
 from world.subjects import SUBJECTS
 
-from crtk_drivers.testing.world import World, user, watcher
+from crtk_drivers.testing.world import World, pusher, user, watcher
 
 SCENARIOS: Final = {
     "use": tuple(SUBJECTS),
     "farewell": tuple(SUBJECTS),
     "die": tuple(SUBJECTS),
     "watch": tuple(INSTRUMENTS),
+    "push": tuple(HAPTICS),
 }
 """Names of the functions below, and the devices of each."""
 
@@ -39,3 +41,8 @@ def die(world: World, device: str) -> None:
 def watch(world: World, device: str) -> None:
     """Read a device that measures, and set it in any way."""
     watcher.watch(world, INSTRUMENTS[device])
+
+
+def push(world: World, device: str) -> None:
+    """Stream forces to a haptic device, and close or kill its driver."""
+    pusher.push(world, HAPTICS[device])

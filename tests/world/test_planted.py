@@ -7,7 +7,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
-from world import planted
+from world import planted, planted_sensors
 
 from crtk_drivers.testing.world import Host
 
@@ -31,7 +31,7 @@ TODAY = {NAMES[(FIRST + number) % len(NAMES)] for number in range(EACH_DAY)}
 @pytest.fixture(scope="module")
 def host() -> Iterator[Host]:
     """A process that runs the worlds."""
-    with Host(Path(planted.__file__)) as found:
+    with Host(Path(planted_sensors.__file__)) as found:
         yield found
 
 
@@ -47,7 +47,8 @@ def test_planted_mistake_is_found(host: Host, name: str) -> None:
     others = set()
     for seed in range(1, mistake.seeds + 1):
         wild = mistake.way != planted.CALM
-        outcome = host.run(mistake.scenario, seed, before=name, wild=wild, horizon=90)
+        before = f"{mistake.plant.__module__}:{name}"
+        outcome = host.run(mistake.scenario, seed, before=before, wild=wild, horizon=90)
         if outcome.kinds & mistake.kinds:
             return
         others |= outcome.kinds

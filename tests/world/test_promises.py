@@ -18,6 +18,7 @@ FIXED: Final = {
     "farewell": ((1, True), (2, True), (3, True)),
     "die": ((1, True), (2, False)),
     "watch": ((1, True), (2, True), (3, False)),
+    "push": ((1, True), (2, True), (3, False)),
 }
 """Of each device: seeds, and whether the world is wild."""
 

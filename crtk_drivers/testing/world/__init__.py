@@ -9,15 +9,17 @@ Subject    a device whose truth is known, for the judges of all devices
 user       scenarios for a subject: what users do
 Instrument, ForceSensor  the same of a device that measures
 watcher    the scenario for these
+Haptic, pusher  the same of a device that pushes a hand
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from crtk_drivers.testing.world import user, watcher
+    from crtk_drivers.testing.world import pusher, user, watcher
     from crtk_drivers.testing.world.instrument import ForceSensor, Instrument
     from crtk_drivers.testing.world.kernel import NotSimulated
+    from crtk_drivers.testing.world.pusher import Haptic
     from crtk_drivers.testing.world.runner import Host, WorldError, run, search, shrink
     from crtk_drivers.testing.world.subject import Subject
     from crtk_drivers.testing.world.world import World
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Finding",
     "ForceSensor",
+    "Haptic",
     "Host",
     "Instrument",
     "NotSimulated",
@@ -33,6 +36,7 @@ __all__ = [
     "Subject",
     "World",
     "WorldError",
+    "pusher",
     "run",
     "search",
     "shrink",
@@ -44,6 +48,7 @@ __all__ = [
 _MODULES = {
     "Finding": "world_outcome",
     "ForceSensor": "instrument",
+    "Haptic": "pusher",
     "Host": "runner",
     "Instrument": "instrument",
     "NotSimulated": "kernel",

@@ -6,7 +6,7 @@ See `crtk_drivers.testing.world.judges`, of which two look here as well.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Final, Protocol
+from typing import Final, Protocol
 
 from crtk_drivers.testing.world.instrument import BIASED, RAW, ForceSensor, Found, Sight
 from crtk_drivers.testing.world.judges import CLOCKS, SETTLED, Fresh, Stuck
@@ -15,7 +15,9 @@ from crtk_drivers.testing.world.subject import PERIOD
 
 
 class _Judge(Protocol):
-    kind: ClassVar[str]
+    @property
+    def kind(self) -> str:
+        """Of the finding."""
 
     def look(self, scene: Sight, /) -> str | None:
         """Return what is wrong, if anything is."""

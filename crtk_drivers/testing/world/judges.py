@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar, Final
 
 from typing_extensions import override
@@ -379,9 +380,9 @@ JUDGES: Final = (
 """All of them."""
 
 
-def judge(scene: Scene) -> None:
-    """Let all judges look at a scene from now on."""
-    judges = [each() for each in JUDGES]
+def judge(scene: Scene, kinds: Sequence[type[Judge]] = JUDGES) -> None:
+    """Let judges look at a scene from now on; all, if they are not named."""
+    judges = [each() for each in kinds]
     find = scene.world.find
 
     def look() -> None:

@@ -54,16 +54,16 @@ def watch(world: World, instrument: Instrument, *, operations: int = 12, faults:
             sight.connect()
         except CrtkError as error:
             world.say(f"no connection: {error}")
-            if not world.wild:
-                world.find("it fails though nothing is wrong", f"connect: {error}")
+            if sight.now > sight.hindered + _COMES_BACK:
+                world.find("it does not come back", f"no connection: {error}")
             return
         watcher = _Watcher(sight)
         watcher.work(count)
         watcher.wait_for_values()
         was_free = sight.now > sight.hindered + _STOPS_SENDING
         close(sight)
-        if sight.closed is not None and was_free and sight.hindered < sight.closed and sight.sends:
-            world.find("it sends after close", "nobody stopped it, and nothing was in the way")
+        if was_free and (text := _goes_on(sight)):
+            world.find("it sends after close", text)
         sight.arm = None
 
     def drive() -> None:
@@ -74,6 +74,14 @@ def watch(world: World, instrument: Instrument, *, operations: int = 12, faults:
             session(operations // sessions)
 
     world.join(world.start("driver", drive))
+
+
+def _goes_on(sight: Sight) -> str:
+    """Say that the simulator sends after its driver was closed, where nothing was in the way of a stop."""
+    closed = sight.closed
+    if closed is None or sight.hindered > closed or not sight.sends:
+        return ""
+    return f"it was closed {sight.now - closed:.2f} s ago, and nothing was in the way"
 
 
 class _Watcher:
