@@ -111,12 +111,12 @@ _force = partial(ForceSensor, drift=(0.005 * 400.0,) * 3 + (0.005 * 20.0,) * 3)
 _ALL: Final = (
     _force(
         device="ati-netft",
-        config={"rate": 100.0},
+        config={"rate": 50.0},
         sim_options={"load": "none", "rdt_rate": 250},
         truth=_netft,
         change=_load_netft,
         error=(0.01,) * 3 + (0.001,) * 3,
-        early=0.02,
+        early=0.03,
         late=0.005,
         bias=lambda device: device.bias.tolist(),
         sends=lambda server: server.box.stream is not None,

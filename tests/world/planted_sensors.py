@@ -17,11 +17,9 @@ from world.planted import BELIEVED, MOVES, NOT_ENABLED, SCENARIOS, planted
 from crtk_driver_ati_netft import pipeline as netft_pipeline
 from crtk_driver_ati_netft import services as netft_services
 from crtk_driver_ati_netft.pipeline import Pipeline
-from crtk_driver_ati_netft.profiles import Action
 from crtk_driver_ati_netft.stream import RdtStream
 from crtk_driver_haply.device import HaplyDevice
 from crtk_driver_ndi.tool import ToolDevice
-from crtk_drivers.kit import software_bias
 from crtk_drivers.kit.software_bias import SoftwareBias
 from crtk_drivers.samples import Sample
 from crtk_drivers.testing.world import pusher, watcher
@@ -70,17 +68,16 @@ def bias_is_not_checked() -> None:
     netft_services.differ = lambda one, other, difference, allowed: False
 
 
-@planted("ati-netft", WATCH, SENDS, seeds=20)
-def stop_is_sent_once() -> None:
-    """The request to stop, a datagram, is sent once."""
-    RdtStream._stop = lambda self: self._send(Action.STOP) if self._socket is not None else None
+@planted("ati-netft", WATCH, SENDS, seeds=5)
+def sensor_is_not_told_to_stop() -> None:
+    """The stream goes on when the driver is closed."""
+    RdtStream._stop = lambda self: None
 
 
 @planted("optoforce", WATCH, BIAS, seeds=20)
 def bias_that_failed_stays() -> None:
     """A bias that was refused by its check is in force."""
     plain = SoftwareBias._average
-    software_bias.AVERAGED = 0.3
 
     def average(self: Any, seconds: float) -> Any:
         found = yield from plain(self, seconds)

@@ -9,6 +9,8 @@ from typing import Final
 
 from world.haptics import HAPTICS
 from world.instruments import INSTRUMENTS
+from world.pedals import PEDALS
+from world.pedals import tread as tread_on
 from world.subjects import SUBJECTS
 
 from crtk_drivers.testing.world import World, pusher, user, watcher
@@ -19,6 +21,7 @@ SCENARIOS: Final = {
     "die": tuple(SUBJECTS),
     "watch": tuple(INSTRUMENTS),
     "push": tuple(HAPTICS),
+    "tread": tuple(PEDALS),
 }
 """Names of the functions below, and the devices of each."""
 
@@ -46,3 +49,8 @@ def watch(world: World, device: str) -> None:
 def push(world: World, device: str) -> None:
     """Stream forces to a haptic device, and close or kill its driver."""
     pusher.push(world, HAPTICS[device])
+
+
+def tread(world: World, device: str) -> None:
+    """Tread on a pedal, unplug it, and close its driver."""
+    tread_on(world, PEDALS[device])

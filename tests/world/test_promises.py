@@ -19,6 +19,7 @@ FIXED: Final = {
     "die": ((1, True), (2, False)),
     "watch": ((1, True), (2, True), (3, False)),
     "push": ((1, True), (2, True), (3, False)),
+    "tread": ((1, True), (2, False)),
 }
 """Of each device: seeds, and whether the world is wild."""
 
@@ -33,7 +34,7 @@ KEPT: Final[dict[Case, str]] = {
 """Every case that ever failed, and what was wrong."""
 
 NEW: Final = 2
-"""Seeds that nobody has tried, for each device and run of the tests."""
+"""Seeds that nobody has tried, for each device and run of the tests; of one with one scenario half of them."""
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +74,7 @@ def test_fixed_seeds_find_nothing(
 def test_new_seeds_find_nothing(runner: Runner, device: str) -> None:
     now = time.time_ns() // 1_000_000
     known = [name for name, devices in SCENARIOS.items() if device in devices]
-    for seed in range(now, now + NEW):
+    for seed in range(now, now + NEW // (1 + (len(known) == 1))):
         judged(runner, Case(device, known[seed % len(known)], seed))
 
 
