@@ -12,8 +12,8 @@ from crtk_drivers.testing.world.troubles import FAULTS, WEATHER
 
 _TEXT: Final = """\
 Drivers at their simulators, each in a world in which one seed decides what the user does, which fault comes
-when, and which thread goes on. Judges compare what the driver promises with what is so in the simulator: where
-joints are, what acts on a sensor, and what force a haptic device exerts.
+when, and which thread goes on. Judges compare what the driver promises with what is so in the simulator:
+where joints are, what acts on a sensor, what force a haptic device exerts, whether a pedal is pressed.
 `python -m bench.world --hours 8 --write` searches with new seeds and writes this section. A finding is one
 kind of broken promise in one scenario."""
 _FIRST: Final = ("Device", "Date", "Commit")

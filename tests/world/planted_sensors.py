@@ -42,7 +42,7 @@ vars(SCENARIOS).update(
 )
 
 
-@planted("ati-netft", WATCH, MIXED, NOT_SO, seeds=10)
+@planted("ati-netft", WATCH, MIXED, NOT_SO, seeds=40)
 def mean_goes_on_over_a_gap() -> None:
     """What was measured before a gap is averaged with what follows it."""
     netft_pipeline.behind_gap = lambda times, before, longest: -1

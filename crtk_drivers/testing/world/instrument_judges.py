@@ -31,7 +31,7 @@ class Stamps:
 
     def __init__(self) -> None:
         self._offset, self._set_at = 0, -math.inf
-        self._last: dict[str, tuple[float, int]] = {}
+        self._last: dict[str, tuple[float, int, float]] = {}
 
     def look(self, sight: Sight) -> str | None:
         """Return what is wrong, if anything is."""
@@ -55,8 +55,9 @@ class Stamps:
         was_set = now < max(self._set_at, sight.disturbed) + SETTLED
         if at > now + CLOCKS or not (was_set or abs(wall - at) < CLOCKS):
             return f"the stamp is {stamp}, of two moments or to come"
-        before, wall_before = self._last.get(name, (-math.inf, 0))
-        self._last[name] = at, stamp.wall_ns
+        before, wall_before, seen = self._last.get(name, (-math.inf, 0, -math.inf))
+        self._last[name] = at, stamp.wall_ns, now
+        was_set = was_set or self._set_at >= seen
         if at < before:
             return f"the stamp goes back by {before - at:.6f} s"
         if stamp.wall_ns < wall_before and not was_set:
