@@ -87,6 +87,13 @@ class ClockFit:
             self._block_end = float(arrivals[-1]) + BLOCK
         return stamps
 
+    def time_of(self, tick: int) -> float | None:
+        """Return the time of a measurement by the line, which it does not enter; None while there is none."""
+        if self._line is None or self._origin is None:
+            return None
+        base, slope = self._line
+        return self._origin[1] + base + slope * (tick - self._origin[0])
+
     def _add(self, x: Seconds, y: Seconds) -> Seconds | None:
         """Enter points; return how late each is, None if that is not known yet."""
         if self._line is None:

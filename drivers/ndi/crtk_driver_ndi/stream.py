@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -21,6 +22,9 @@ PROBED: Final = 8
 """The same for every so many-th: when a frame is there at the earliest shows only who asks before."""
 STEP: Final = 0.02
 """Share of the period from one question to the next while it is not there."""
+
+SLOW: Final = 0.25
+"""Share of the period by which a reply may take longer than the fastest one: else its question may have."""
 
 SHORTEST: Final = 1e-3
 LONGEST: Final = 0.2
@@ -59,6 +63,7 @@ class FrameStream:
         self._clock = ClockFit()
         self._wall = WallClock()
         self._due = 0.0
+        self._least = math.inf
 
     @property
     def due(self) -> float:
@@ -87,7 +92,9 @@ class FrameStream:
             self.repeated += 1
             self._due = arrival + STEP * self._period
             return False
-        if frame.number < before:  # another client has started tracking anew
+        if frame.number < before or self._was_set(
+            frame
+        ):  # or another client has started tracking anew
             self._clock.reset()
         elif self.newest is not None:
             risen = frame.number - before
@@ -95,7 +102,7 @@ class FrameStream:
             self.lost += risen // self._step - 1
             self._learn_period(self.newest, frame)
         ticks = frame.nanoseconds or frame.number
-        (taken,) = self._clock.stamp(np.array([ticks]), np.array([asked])).tolist()
+        taken = self._taken(ticks, asked, arrival)
         stamp = max(taken, self.stamp.monotonic + APART)
         self.stamp = Stamp(round(stamp * 1e9) + self._wall.offset(), stamp)
         self.newest = frame
@@ -103,6 +110,23 @@ class FrameStream:
         early = EARLY if self.frames % PROBED else PROBE
         self._due = taken + (1.0 - early) * self._period
         return True
+
+    def _taken(self, ticks: int, asked: float, arrival: float) -> float:
+        """Return when a frame was taken; where its question may have been held back, by those before."""
+        least = self._least = min(self._least, self.reply_time)
+        if self.reply_time > least + SLOW * self._period:
+            known = self._clock.time_of(ticks)
+            return asked if known is None else min(known, arrival)
+        (taken,) = self._clock.stamp(np.array([ticks]), np.array([asked])).tolist()
+        return float(taken)
+
+    def _was_set(self, frame: Frame) -> bool:
+        """Whether somebody has set the tracker's own clock since the frame before."""
+        before = self.newest
+        if before is None or not before.nanoseconds:
+            return False
+        passed = 1e-9 * (frame.nanoseconds - before.nanoseconds)
+        return not 0.0 < passed < 2.0 * LONGEST * (frame.number - before.number)
 
     def _learn_period(self, before: Frame, frame: Frame) -> None:
         """The tracker may be slower than its family: by its settings, or its exposure."""
