@@ -6,6 +6,7 @@ This file is imported in patched Python, so it imports no pytest.
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import replace
 from typing import Any, Final
 
@@ -18,8 +19,9 @@ from crtk_driver_ati_netft import pipeline as netft_pipeline
 from crtk_driver_ati_netft import services as netft_services
 from crtk_driver_ati_netft.pipeline import Pipeline
 from crtk_driver_ati_netft.stream import RdtStream
-from crtk_driver_haply.device import HaplyDevice
+from crtk_driver_haply.force import ForceInForce
 from crtk_driver_ndi.tool import ToolDevice
+from crtk_drivers.gates import setpoint
 from crtk_drivers.kit.software_bias import SoftwareBias
 from crtk_drivers.samples import Sample
 from crtk_drivers.testing.world import pusher, watcher
@@ -102,18 +104,19 @@ def tool_that_is_missing_stays_where_it_was() -> None:
     ToolDevice.read = read
 
 
-@planted("haply", PUSH, BELIEVED, seeds=10)
-def force_counts_as_ended_at_once() -> None:
-    """A stop counts before the service has said that no force is exerted."""
-    HaplyDevice.has_stopped = property(lambda self: True)
+@planted("haply", PUSH, "moves after close", MOVES, NOT_ENABLED, BELIEVED, seeds=5)
+def force_is_not_dropped() -> None:
+    """A force goes on until there is another one, also after a stop."""
+    plain = ForceInForce.__init__
+
+    def begin(self: Any, ramp: float, lasts: float) -> None:
+        plain(self, ramp, math.inf)
+
+    ForceInForce.__init__ = begin
+    ForceInForce.drop = lambda self: None
 
 
-@planted("haply", PUSH, MOVES, NOT_ENABLED, BELIEVED, seeds=10)
-def force_goes_on_after_a_stop() -> None:
-    """A stop is sent, and the next cycle sends the force again."""
-
-    def stop(self: Any) -> None:
-        self._stopped = False
-        self._link.send(self._message.of((0.0, 0.0, 0.0)))
-
-    HaplyDevice.stop = stop
+@planted("haply", PUSH, "it pushes too hard", seeds=10)
+def force_is_not_bounded() -> None:
+    """A force is sent as it was asked for."""
+    setpoint.norms_into = lambda values, *limits: values

@@ -28,13 +28,13 @@ KEPT: Final[dict[Case, str]] = {
         "A thread that stood still outlived close by 0.6 s, and the judge did not wait for it."
     ),
     Case("onrobot", "use", 1796078373): (
-        "The simulator made up for 22 ms at once and arrived; where it was up to 2 ms before was judged."
+        "The simulator made up for 22 ms at once and arrived; it was judged by where it was 2 ms before."
     ),
 }
 """Every case that ever failed, and what was wrong."""
 
 NEW: Final = 2
-"""Seeds that nobody has tried, for each device and run of the tests; half as many where it has one scenario."""
+"""Seeds that nobody has tried, for each device and run of the tests; half of them where it has one scenario."""
 
 
 @pytest.fixture(scope="module")

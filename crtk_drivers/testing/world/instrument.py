@@ -157,6 +157,12 @@ class Sight(Setting):
         if isinstance(instrument, ForceSensor) and self.engine is not None:
             self.biases.note(now, self.bias())
 
+    @override
+    def connect(self) -> LocalDevice:
+        arm = super().connect()
+        self.look()  # before a user sets another bias
+        return arm
+
     def bias(self) -> Numbers:
         """Return the software bias of a force sensor."""
         instrument, engine = self.instrument, self.engine

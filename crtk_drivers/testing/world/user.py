@@ -134,7 +134,7 @@ def still(world: World, subject: Subject) -> None:
         for process in scene.simulators:
             world.kernel.freeze(process, _STANDS_STILL)
         time.sleep(_STANDS_STILL)
-        _close(scene)
+        close(scene)
 
     _play(world, subject, work)
 
