@@ -28,7 +28,7 @@ KEPT: Final[dict[Case, str]] = {
         "A thread that stood still outlived close by 0.6 s, and the judge did not wait for it."
     ),
     Case("onrobot", "use", 1796078373): (
-        "The simulator made up for 22 ms at once and arrived; it was judged by where it was 2 ms before."
+        "A simulator made up for 22 ms at once and arrived; it was judged by where it was before."
     ),
 }
 """Every case that ever failed, and what was wrong."""
