@@ -66,7 +66,15 @@ _ALL: Final = (
     _fingers(
         device="robotiq", config={"link": "modbus"}, truth=_robotiq, arrival=0.004, early=0.006
     ),
-    _arm(device="ur", config={"control": "native"}, truth=_ur, error=0.01, early=0.13, late=0.06),
+    _arm(
+        device="ur",
+        config={"control": "native"},
+        truth=_ur,
+        error=0.01,
+        early=0.13,
+        late=0.06,
+        without=("shut_down",),
+    ),
     _arm(
         device="dynamixel",
         sim_options={"servos": _WITHOUT_GRAVITY},
@@ -79,7 +87,7 @@ _ALL: Final = (
     _arm(device="galil", truth=_galil, early=0.02),
     _fingers(device="onrobot", truth=_jaw),
     _fingers(device="weiss-wsg", truth=_jaw),
-    _fingers(device="schunk", truth=_jaw, step=0.02, velocity=0.02),
+    _fingers(device="schunk", truth=_jaw, step=0.02, velocity=0.02, effort=1.0),
 )
 SUBJECTS: Final = {subject.device: subject for subject in _ALL}
 """All of them, by the name of the device."""

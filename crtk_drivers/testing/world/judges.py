@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, Final
 
+import numpy as np
 from typing_extensions import override
 
 from crtk_drivers.engine import Engine
@@ -62,12 +63,20 @@ class Unasked(Judge):
 
     def __init__(self) -> None:
         self._is_asked = False
+        self._engine: Engine | None = None
 
     @override
     def look(self, scene: Scene) -> str | None:
         engine = scene.engine
+        if engine is not self._engine:
+            self._is_asked, self._engine = False, engine  # connected again
         self._is_asked = self._is_asked or (
-            engine is not None and (engine.status.state == "ENABLED" or not engine.transition_ended)
+            engine is not None
+            and (
+                engine.status.state == "ENABLED"
+                or not engine.transition_ended
+                or scene.served == scene.now
+            )
         )
         if not self._is_asked and scene.is_moving:
             return f"it moves with {scene.speed:.3g}, and nobody has enabled it"
@@ -86,7 +95,10 @@ class Rests(Judge):
         if engine is None or scene.closed is not None or not scene.is_moving:
             return None
         allowed = _declared(scene, engine)
-        if not _is_over(scene, max(scene.enabled, scene.disturbed), allowed):
+        moved = max(scene.enabled, scene.served)
+        if engine.capabilities.enable_moves and not engine.transition_ended:
+            moved = scene.now
+        if not _is_over(scene, max(moved, scene.disturbed), allowed):
             return None
         status = engine.status
         return (
@@ -153,6 +165,10 @@ class Limits(Judge):
         speed = scene.speed_over(_LONG)
         if speed > _OVERSPEED * fast + scene.still:
             return f"it moves with {speed:.3g}, and {fast:.3g} are allowed: {scene.recent(_LONG)}"
+        if scene.from_rest is not None and (text := _tool_too_fast(scene, engine)):
+            return text
+        if not (engine.status.is_homed and engine.transition_ended):
+            return None  # nobody knows yet where its range is
         within = scene.arrival
         for limit, joint in zip(engine.capabilities.limits, scene.joints, strict=True):
             if not limit.lower - within <= joint <= limit.upper + within:
@@ -160,6 +176,36 @@ class Limits(Judge):
                     f"a joint is at {joint:.4g}, and goes from {limit.lower:g} to {limit.upper:g}"
                 )
         return None
+
+
+def _tool_too_fast(scene: Scene, engine: Engine) -> str:
+    """Return what to say of a tool that is faster than it may be, where nothing but that was commanded."""
+    limits = engine.capabilities.cartesian_limits
+    if limits is None or scene.from_rest is None:
+        return ""
+    seconds, before, last = scene.over(_LONG)
+    if seconds <= 0.0 or scene.now - seconds < scene.from_rest or not scene.is_asked:
+        return ""
+    forward = engine._context.inverse.kinematics.forward  # noqa: SLF001
+    way = forward(np.array(last)).position - forward(np.array(before)).position
+    speed = float(np.linalg.norm(way)) / seconds
+    if speed <= _OVERSPEED * limits.linear_velocity:
+        return ""
+    return f"the tool moves with {speed:.3g} m/s, and {limits.linear_velocity:.3g} are allowed"
+
+
+class Freed(Judge):
+    """While the arm may be moved by hand."""
+
+    kind = "free though nobody asks"
+    promise = "An arm is let go only where somebody has asked for it, and until a stop or a motion."
+
+    @override
+    def look(self, scene: Scene) -> str | None:
+        since = max(scene.let_go, scene.hindered)
+        if scene.closing is not None or not scene.is_free or scene.now <= since + _STANDS:
+            return None
+        return f"it is free, and that was asked for until {scene.now - scene.let_go:.3f} s ago"
 
 
 class AfterDeath(Judge):
@@ -370,6 +416,7 @@ JUDGES: Final = (
     Rests,
     Asked,
     Limits,
+    Freed,
     AfterDeath,
     AfterClose,
     StopBelieved,

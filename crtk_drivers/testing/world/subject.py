@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from typing_extensions import override
 
 from crtk_drivers import plugins
 from crtk_drivers.engine import Engine
 from crtk_drivers.front import LocalDevice, connect
-from crtk_drivers.motion.move import Move
 from crtk_drivers.motion.stopping import still_speeds
 from crtk_drivers.samples import Stamp
 from crtk_drivers.session import start_sim_of
@@ -75,6 +74,8 @@ class Subject(Installed):
         lasts: s for which the hardware goes on with the last command that it got, if nobody stops it.
         step: rad (m) of the longest move.
         velocity: rad/s (m/s) of the fastest stream.
+        effort: share of a joint's effort limit that a stream of efforts has at most.
+        without: services that are not asked for: what they end does not come back by itself.
     """
 
     truth: Callable[[Any], Sequence[float]]
@@ -86,6 +87,15 @@ class Subject(Installed):
     lasts: float = 0.0
     step: float
     velocity: float
+    effort: float = 0.1
+    without: Collection[str] = ()
+
+
+class Busy(Protocol):
+    """What may move the device until it has ended."""
+
+    def is_busy(self) -> bool:
+        """Whether it has not ended yet."""
 
 
 class Setting:
@@ -129,7 +139,8 @@ class Setting:
         self.driver: Process | None = None
 
     def connect(self) -> LocalDevice:
-        """Connect the driver."""
+        """Connect the driver, for the first time or again."""
+        self.closing = self.closed = None
         arm = connect(self._device, config=self._pointed, timeout=_PATIENCE)
         self.arm = arm
         arm.engine.add_observer(_Announced(self.world, arm.operating_state()))
@@ -171,6 +182,9 @@ class Scene(Setting):
 
     Attributes:
         enabled: when it was ENABLED last.
+        served: when a service that moves the device was being carried out last.
+        let_go: until when somebody has asked that the arm may be moved by hand.
+        from_rest: since when the tool alone is commanded, of a device that stood; None while it is not.
         still: rad/s (m/s) below which a joint stands, by what the driver declares.
         freed: when the network last let pass what it had held back, if the driver has sent anything by TCP.
         pace_when_blocked: rad/s (m/s) of the fastest joint before the network was last blocked, or meanwhile.
@@ -187,7 +201,9 @@ class Scene(Setting):
         self.pace_when_blocked = 0.0
         self._sends_by_tcp = False  # what was sent is delivered after a connection is closed, too
         self.stop_counts = False
-        self._moves: list[Move] = []
+        self.served = self.let_go = -math.inf
+        self.from_rest: float | None = None
+        self._moves: list[Busy] = []
         self._senders = 0
         self._looks: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_REMEMBERED)
         self._freed_at: tuple[float, ...] = ()  # where the joints were then
@@ -195,6 +211,7 @@ class Scene(Setting):
 
     @override
     def connect(self) -> LocalDevice:
+        self.stop_counts = False
         arm = super().connect()
         stopping = arm.engine._stopping  # noqa: SLF001 - a judge looks where nobody else may
         plain_again, plain_stop = stopping.moves_again, stopping.stop
@@ -228,22 +245,39 @@ class Scene(Setting):
     # What was asked for
 
     @contextmanager
-    def sending(self, *, silence: float = 0.0) -> Iterator[None]:
+    def sending(self, *, silence: float = 0.0, by_tool: bool = False) -> Iterator[None]:
         """Send something within that may move the device.
 
         Args:
             silence: s for which a stream goes on after it.
+            by_tool: whether it says how the tool moves.
         """
         self._senders += 1
+        if not by_tool:
+            self.from_rest = None
+        elif self.from_rest is None and not self.is_moving:
+            self.from_rest = self.now
+        self.let_go = min(self.let_go, self.now)
         try:
             yield
         finally:
             self._senders -= 1
             self.asked = max(self.asked, self.now + silence)
 
-    def sent(self, move: Move) -> None:
-        """Remember a move: it is asked for as long as it has not ended."""
+    def sent(self, move: Busy) -> None:
+        """Remember a move, or what moves else: it is asked for as long as it has not ended."""
         self._moves.append(move)
+
+    def sends_free(self, free: Callable[[], None]) -> None:
+        """Ask by `free` that the arm may be moved by hand: it may move until somebody asks for something."""
+        with self.sending():
+            free()
+        self.let_go = math.inf
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the driver lets the arm be moved by hand."""
+        return self.engine is not None and self.engine._motion.is_free  # noqa: SLF001
 
     @contextmanager
     def stopping(self) -> Iterator[None]:
@@ -251,13 +285,13 @@ class Scene(Setting):
         before = list(self._moves)
         yield
         self._moves = [move for move in self._moves if move not in before]
-        self.asked = min(self.asked, self.now)
+        self.asked, self.let_go = min(self.asked, self.now), min(self.let_go, self.now)
 
     @property
     def is_asked(self) -> bool:
         """Whether somebody asks for a motion now: by a command that is being sent, a move or a stream."""
         self._moves = [move for move in self._moves if move.is_busy()]
-        if self._senders or self._moves:
+        if self._senders or self._moves or self.is_free:
             self.asked = max(self.asked, self.now)
         return self.asked >= self.now
 
@@ -277,6 +311,8 @@ class Scene(Setting):
             self.freed, self._freed_at = now, self.joints
         if self.engine is not None and self.engine.status.state == "ENABLED":
             self.enabled = now
+        if self.engine is not None and self.engine._requests.moves:  # noqa: SLF001
+            self.served = now
 
     @property
     def joints(self) -> tuple[float, ...]:
@@ -290,9 +326,14 @@ class Scene(Setting):
 
     def speed_over(self, looks: int) -> float:
         """Return the speed of the fastest joint over so many looks, in rad/s (m/s)."""
+        seconds, before, last = self.over(looks)
+        return _distance(last, before) / seconds if seconds > 0.0 else 0.0
+
+    def over(self, looks: int) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+        """Return the s that so many looks took, and where the joints were at their begin and end."""
         at, last = self._looks[-1]
         begin, before = self._looks[max(0, len(self._looks) - 1 - looks)]
-        return _distance(last, before) / (at - begin) if at > begin else 0.0
+        return at - begin, before, last
 
     @property
     def moved_since_freed(self) -> float:
