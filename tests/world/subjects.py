@@ -28,8 +28,8 @@ def _dynamixel(server: Any) -> list[float]:
 
 
 def _canopen(server: Any) -> list[float]:
-    motors = [drive.axes[0].motor for drive in server._made.all]
-    return [math.tau * motor.revolutions / _GEAR for motor in motors]
+    axes = [drive.axes[0] for drive in server._made.all]
+    return [math.tau * (axis.motor.revolutions - axis._zero) / _GEAR for axis in axes]
 
 
 def _copley(server: Any) -> list[float]:
@@ -46,7 +46,24 @@ def _jaw(server: Any) -> list[float]:
     return [getattr(device, "gripper", device).jaw.opening]
 
 
-_GEAR: Final = 100.0
+_GEAR: Final = 200.0
+"""With it the limit switches of the simulated motors are just outside of the joints' range."""
+_HOMED: Final = {
+    f"joint_{node}": {
+        "node": node,
+        "gear": _GEAR,
+        "lower": -3.0,
+        "upper": 3.0,
+        "velocity": 2.0,
+        "acceleration": 10.0,
+        "effort": 20.0,
+        "modes": ("csp", "csv", "cst"),
+        "homing": {"method": 24, "speed_switch": 0.8, "speed_zero": 0.2, "acceleration": 10.0},
+    }
+    for node in (1, 2, 3)
+}
+"""Joints that go and look for a switch, over a limit switch if need be, when they are homed."""
+
 _COUNTS: Final = 100_000 / math.tau
 """Of a joint, in one rad: as the drivers' own typical joints have it."""
 
@@ -82,7 +99,12 @@ _ALL: Final = (
         error=0.01,
         early=0.03,
     ),
-    _arm(device="canopen", truth=_canopen, early=0.02),
+    _arm(
+        device="canopen",
+        config={"period": 0.008, "joints": _HOMED},
+        truth=_canopen,
+        early=0.02,
+    ),
     _arm(device="copley", truth=_copley, early=0.05),
     _arm(device="galil", truth=_galil, early=0.02),
     _fingers(device="onrobot", truth=_jaw),

@@ -17,6 +17,7 @@ from typing_extensions import override
 from crtk_drivers.engine import Engine
 from crtk_drivers.engine.threads import STALL_LIMIT, WATCHDOG_PERIOD
 from crtk_drivers.samples import JointState
+from crtk_drivers.state import StateCommand
 from crtk_drivers.testing.world.kernel import EPOCH, NS, Task
 from crtk_drivers.testing.world.subject import PERIOD, Scene, Setting
 
@@ -125,7 +126,8 @@ class Asked(Judge):
         is_moving = scene.is_moving
         if not engine.transition_ended:
             scene.asked = max(scene.asked, scene.now)
-            self._rests &= not (is_moving and engine.capabilities.enable_moves)
+            is_homing = engine._transitions.running is StateCommand.HOME  # noqa: SLF001
+            self._rests &= not (is_moving and (is_homing or engine.capabilities.enable_moves))
         elif scene.is_asked:
             self._rests, self._stood_since = False, math.inf
         if not is_moving:
