@@ -1,6 +1,6 @@
-"""What one user of a device can do: send a move, a setpoint or a stop, as judges and the story need it.
+"""One user of a device: sends moves, setpoints and stops, and lets the judges know what was asked for.
 
-`operations.py` makes of it what users do.
+`operations.py` has what users do with it.
 """
 
 from __future__ import annotations
@@ -115,6 +115,10 @@ class User:
     def signed(self, most: float) -> float:
         """Return a number from -`most` to `most`."""
         return most * (2.0 * self.random.random() - 1.0)
+
+    def way(self, most: float) -> Vector:
+        """Return a way of the tool, of at most `most` along each axis."""
+        return np.array([self.signed(most) for _ in range(3)])
 
     def measured(self) -> Vector:
         """Return where the joints are measured."""

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.commands import Kind, Payload, Space, find
+from crtk_drivers.commands import Payload, Space, find
 from crtk_drivers.engine.services import OwnService, Request
 from crtk_drivers.errors import CommandRefused, CrtkError, Reason
 from crtk_drivers.front import LocalDevice
@@ -20,20 +20,12 @@ from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import Pose, Vector, vector
 from crtk_drivers.state import StateCommand
 from crtk_drivers.testing.world.acting import LOOKS, MOMENT, PATIENCE, User
+from crtk_drivers.testing.world.streaming import CYCLE, PERIODS, SLOW_PERIODS, stream, stream_once
 
-_CYCLE: Final = 0.008
-_PERIODS: Final = (_CYCLE, _CYCLE, 0.002, 0.05)
-"""s between two setpoints of a stream."""
-_SLOW_PERIODS: Final = (0.01, 0.02, 0.05)
-"""s between two goals of an interpolated one."""
 _JUMP: Final = 0.6
 """s at full speed that a jump is long."""
 _TOOL_STEP: Final = 0.05
 """m of the longest move of the tool."""
-_TOOL_SPEED: Final = 0.05
-"""m/s of the fastest stream of the tool."""
-_TOOL_FORCE: Final = 0.1
-"""Share of the limit that is the greatest force of a stream."""
 _RATIOS: Final = (0.1, 0.3, 1.0)
 _SERVICE_TAKES: Final = 40.0
 _UNTIL_FREE: Final = 1.0
@@ -103,14 +95,9 @@ def _move_by(user: User) -> None:
     user.await_reached(move, goal)
 
 
-def _shift(user: User, most: float) -> Vector:
-    """Return a small way of the tool."""
-    return np.array([user.signed(most) for _ in range(3)])
-
-
 def _move_tool(user: User) -> None:
     """Move the tool on a short straight line, and wait until it is there or not."""
-    shift = _shift(user, _TOOL_STEP)
+    shift = user.way(_TOOL_STEP)
     if user.random.random() < 0.5:
         move = user.send("move_cr", [*shift, 0.0, 0.0, 0.0, 1.0])
     else:
@@ -149,104 +136,14 @@ def _at_another_ratio(user: User) -> None:
 # Streams
 
 
-def _positions(user: User, period: float) -> Callable[[int], object]:
-    start, speed = user.set_last(), user.signed(user.scene.subject.velocity)
-
-    def position(count: int) -> Vector:
-        wanted = start + speed * period * count * min(1.0, count / 10.0)
-        return np.clip(wanted, user.lower, user.upper)
-
-    return position
-
-
-def _increments(user: User, period: float) -> Callable[[int], object]:
-    speed = user.signed(user.scene.subject.velocity)
-
-    def increment(count: int) -> Vector:
-        here = user.set_last()
-        wanted = here + speed * period * min(1.0, count / 10.0)
-        return np.clip(wanted, user.lower, user.upper) - here
-
-    return increment
-
-
-def _velocities(user: User, _: float) -> Callable[[int], object]:
-    wanted = np.full(user.lower.size, user.signed(user.scene.subject.velocity))
-    return lambda count: wanted
-
-
-def _efforts(user: User, _: float) -> Callable[[int], object]:
-    limits = [limit.effort for limit in user.arm.engine.capabilities.limits]
-    wanted = user.scene.subject.effort * user.signed(1.0) * np.array(limits)
-    return lambda count: wanted
-
-
-def _poses(user: User, period: float) -> Callable[[int], object]:
-    here: Pose = user.arm.measured_cp()
-    way = _shift(user, _TOOL_SPEED * period)
-
-    def pose(count: int) -> Pose:
-        return Pose(vector(here.position + count * min(1.0, count / 10.0) * way), here.orientation)
-
-    return pose
-
-
-def _twists(user: User, _: float) -> Callable[[int], object]:
-    wanted = [*_shift(user, _TOOL_SPEED), 0.0, 0.0, 0.0]
-    return lambda count: wanted
-
-
-def _wrenches(user: User, _: float) -> Callable[[int], object]:
-    limits = user.arm.engine.capabilities.cartesian_limits
-    assert limits is not None
-    wanted = [*_shift(user, _TOOL_FORCE * limits.force), 0.0, 0.0, 0.0]
-    return lambda count: wanted
-
-
-_VALUES: Final = {
-    (Space.JOINT, Kind.POSITION): _positions,
-    (Space.JOINT, Kind.RELATIVE): _increments,
-    (Space.JOINT, Kind.VELOCITY): _velocities,
-    (Space.JOINT, Kind.EFFORT): _efforts,
-    (Space.CARTESIAN, Kind.POSITION): _poses,
-    (Space.CARTESIAN, Kind.VELOCITY): _twists,
-    (Space.CARTESIAN, Kind.EFFORT): _wrenches,
-}
-"""What makes the values of a stream, from its period: of the number of each."""
-
-
-def _stream(
-    user: User,
-    name: str,
-    seconds: float,
-    *,
-    periods: Sequence[float] = _PERIODS,
-    arm: LocalDevice | None = None,
-) -> None:
-    """Stream for some s."""
-    period = user.random.choice(periods)
-    command = find(name)
-    value = _VALUES[command.space, command.kind](user, period)
-    for count in range(max(3, round(seconds / period))):
-        user.stream(name, value(count), arm)
-        time.sleep(period)
-
-
-def _stream_once(name: str, periods: Sequence[float] = _PERIODS) -> Callable[[User], None]:
-    def act(user: User) -> None:
-        _stream(user, name, 0.04 + 0.36 * user.random.random(), periods=periods)
-
-    return act
-
-
 def _falls_silent(user: User) -> None:
     """Stream, be silent for longer than a stream may be, and begin anew from there."""
     streams = [name for name in ("servo_jp", "servo_jv") if name in user.arm.crtk_commands]
     name = user.random.choice(streams)
-    _stream(user, name, 0.2)
+    stream(user, name, 0.2)
     stop = user.arm.engine.capabilities.stop.time
     time.sleep(user.silence(name) + user.random.choice((0.05, 0.3, stop + LOOKS)))
-    _stream(user, name, 0.2)
+    stream(user, name, 0.2)
 
 
 def _nonsense(user: User) -> None:
@@ -303,7 +200,7 @@ def _free(user: User) -> None:
     back: tuple[Callable[[], object], ...] = (
         user.stop_anyhow,
         lambda: user.move(waits=True),
-        lambda: _stream(user, "servo_jp", 0.2),
+        lambda: stream(user, "servo_jp", 0.2),
         lambda: None,
     )
     user.random.choice(back)()
@@ -435,14 +332,14 @@ def _two_streams(user: User) -> None:
     for count in range(20):
         user.stream("servo_jp", start)
         sent = user.scene.now
-        time.sleep(_CYCLE)
+        time.sleep(CYCLE)
         if count < 10:
             continue
         try:
             user.stream("servo_jp", start, user.other)
         except CommandRefused:
             continue
-        if user.scene.now - sent < _CYCLE + MOMENT:
+        if user.scene.now - sent < CYCLE + MOMENT:
             user.scene.world.find(
                 "two clients are mixed", "servo_jp is taken from another than who streams it"
             )
@@ -453,7 +350,7 @@ def _client_goes(user: User) -> None:
     """Let a second client go away in the middle of its stream or move; somebody else goes on then."""
     other = LocalDevice(user.arm._session)  # noqa: SLF001 - a client in the same process
     if user.random.random() < 0.5:
-        _stream(user, "servo_jp", 0.2, arm=other)
+        stream(user, "servo_jp", 0.2, arm=other)
     else:
         user.send_move(user.goal(), other)
         user.pause(0.2)
@@ -471,10 +368,10 @@ def _move_on(user: User) -> None:
     user.move(waits=False)
 
 
-def _of(name: str, *needs: str, periods: Sequence[float] = _PERIODS) -> Operation:
+def _of(name: str, *needs: str, periods: Sequence[float] = PERIODS) -> Operation:
     """Return the operation that is a stream; one of the tool may come to where it cannot go on."""
     may_be = _REACH if find(name).space is Space.CARTESIAN else frozenset[Reason]()
-    return Operation(act=_stream_once(name, periods), needs=(name, *needs), may_be=may_be)
+    return Operation(act=stream_once(name, periods), needs=(name, *needs), may_be=may_be)
 
 
 OPERATIONS: Final = {
@@ -488,14 +385,14 @@ OPERATIONS: Final = {
     "another ratio": Operation(
         act=_at_another_ratio, needs=("move_jp", "trajectory_j/set_ratio_a")
     ),
-    "servo_jp": Operation(act=_stream_once("servo_jp"), needs=("servo_jp",), weight=3),
-    "servo_jv": Operation(act=_stream_once("servo_jv"), needs=("servo_jv",), weight=3),
+    "servo_jp": Operation(act=stream_once("servo_jp"), needs=("servo_jp",), weight=3),
+    "servo_jv": Operation(act=stream_once("servo_jv"), needs=("servo_jv",), weight=3),
     "servo_jr": _of("servo_jr"),
     "servo_jf": _of("servo_jf"),
     "servo_cp": _of("servo_cp", "measured_cp"),
     "servo_cv": _of("servo_cv"),
     "servo_cf": _of("servo_cf"),
-    "interpolate_jp": _of("interpolate_jp", periods=_SLOW_PERIODS),
+    "interpolate_jp": _of("interpolate_jp", periods=SLOW_PERIODS),
     "falls silent": Operation(act=_falls_silent, needs=("servo_jp",)),
     "nonsense": Operation(act=_nonsense, needs=("move_jp", "servo_jp"), weight=3),
     "hold": Operation(act=User.hold, weight=3),

@@ -1,6 +1,6 @@
-"""What a user does with a device, at random: streams, moves, state commands, a second client, the end.
+"""Three scenarios: a device is used at random, is closed in trouble, or loses its driver.
 
-Each of the three scenarios takes a world and a subject. Wrap one into a function of the world alone, at the
+Each takes a world and a subject. Wrap one into a function of the world alone, at the
 top level of a file, and it can be run with any seed.
 """
 
