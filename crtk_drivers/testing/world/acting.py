@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from crtk_drivers.commands import find
+from crtk_drivers.commands import Kind, Space, find
 from crtk_drivers.errors import CommandRefused, CrtkError, Reason
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.move import Move, Outcome
@@ -148,7 +148,7 @@ class User:
     def send(self, name: str, value: object, arm: LocalDevice | None = None) -> Move:
         """Send a move by its name."""
         scene = self.scene
-        with scene.sending(by_tool=find(name).space == "c"):
+        with scene.sending(by_tool=find(name).space is Space.CARTESIAN):
             move: Move = getattr(arm or self.arm, name)(value)
             scene.sent(move)
         return move
@@ -156,7 +156,8 @@ class User:
     def stream(self, name: str, values: object, arm: LocalDevice | None = None) -> None:
         """Send a setpoint of a stream."""
         command = find(name)
-        with self.scene.sending(silence=self.silence(name), by_tool=command.space == "c"):
+        by_tool = command.space is Space.CARTESIAN and command.kind is not Kind.EFFORT
+        with self.scene.sending(silence=self.silence(name), by_tool=by_tool):
             getattr(arm or self.arm, name)(values)
 
     def silence(self, name: str) -> float:

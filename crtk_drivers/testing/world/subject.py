@@ -250,14 +250,13 @@ class Scene(Setting):
 
         Args:
             silence: s for which a stream goes on after it.
-            by_tool: whether it says how the tool moves.
+            by_tool: whether it says where the tool is to be, or how fast.
         """
         self._senders += 1
         if not by_tool:
             self.from_rest = None
         elif self.from_rest is None and not self.is_moving:
             self.from_rest = self.now
-        self.let_go = min(self.let_go, self.now)
         try:
             yield
         finally:
@@ -267,9 +266,13 @@ class Scene(Setting):
     def sent(self, move: Busy) -> None:
         """Remember a move, or what moves else: it is asked for as long as it has not ended."""
         self._moves.append(move)
+        self.let_go = min(self.let_go, self.now)
 
     def sends_free(self, free: Callable[[], None]) -> None:
-        """Ask by `free` that the arm may be moved by hand: it may move until somebody asks for something."""
+        """Ask by `free` that the arm may be moved by hand: it may move until a stop or a move.
+
+        A stream ends that too, but not if its first setpoint is refused when it would be sent.
+        """
         with self.sending():
             free()
         self.let_go = math.inf
