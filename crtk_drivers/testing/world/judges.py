@@ -207,7 +207,8 @@ class Freed(Judge):
         since = max(scene.let_go, scene.hindered)
         if scene.closing is not None or not scene.is_free or scene.now <= since + _STANDS:
             return None
-        return f"it is free, and that was asked for until {scene.now - scene.let_go:.3f} s ago"
+        when = f"until {scene.now - scene.let_go:.3f} s ago" if scene.let_go > 0.0 else "never"
+        return f"it is free, and that was asked for {when}"
 
 
 class AfterDeath(Judge):

@@ -215,6 +215,8 @@ def _home(user: User) -> None:
     if is_stopped:
         user.pause(draw.choice((0.02, 0.5, 3.0)))
         user.stop_anyhow()
+        if arm.engine._transitions.running is StateCommand.HOME:  # noqa: SLF001 - no front says which
+            scene.world.find("home goes on after a stop", str(arm.operating_state()))
         time.sleep(arm.engine.capabilities.stop.time + LOOKS)
     elif not (scene.world.wild or arm.is_homed()):
         scene.world.find("home contradicts is_homed", "home has ended, and it is not homed")
