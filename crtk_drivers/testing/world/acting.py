@@ -172,16 +172,23 @@ class User:
         if waits:
             self.await_reached(move, goal)
 
-    def await_reached(self, move: Move, goal: Vector | None = None) -> None:
-        """Wait for the end of a move; with the joints of its goal, see that they are there."""
+    def await_reached(self, move: Move, goal: Vector | None = None) -> bool:
+        """Wait for the end of a move, and return whether it is there; with its goal, see that it is."""
         scene = self.scene
-        if not move.wait(PATIENCE):
-            if move.outcome is not Outcome.RUNNING:
-                text = f"wait() returns False; {move.outcome}"
-                scene.world.find("wait contradicts the outcome", text)
-        elif goal is not None and not self.was_at(goal, _SEEN):
-            text = f"a {move.name} to {goal} is reached, and the joints are at {scene.joints}"
-            scene.world.find("reached too early", text)
+        if move.wait(PATIENCE):
+            if goal is not None:
+                self.see_reached(move, goal)
+            return True
+        if move.outcome is not Outcome.RUNNING:
+            text = f"wait() returns False; {move.outcome}"
+            scene.world.find("wait contradicts the outcome", text)
+        return False
+
+    def see_reached(self, move: Move, goal: Vector) -> None:
+        """See that the joints are where a move that was reached just now has taken them."""
+        if not self.was_at(goal, _SEEN):
+            text = f"a {move.name} to {goal} is reached, and the joints are at {self.scene.joints}"
+            self.scene.world.find("reached too early", text)
 
     def was_at(self, goal: Vector, seconds: float) -> bool:
         """Return whether the joints were at a goal within the last s."""
