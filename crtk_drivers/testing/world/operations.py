@@ -174,9 +174,12 @@ def _nonsense(user: User) -> None:
 
 
 def _stop_on_the_way(user: User) -> None:
-    """Stop a long and slow move, and look on for as long as the device declares that a stop takes."""
-    user.far_move()
-    time.sleep(user.random.random() * user.random.choice((0.0, 0.02, 0.5)))
+    """Stop a slow move or a stream, and look on for as long as the device declares that a stop takes."""
+    if "servo_jv" in user.arm.crtk_commands and user.random.random() < 0.5:
+        stream(user, "servo_jv", 0.2)
+    else:
+        user.far_move()
+        user.pause(user.random.choice((0.0, 0.02, 0.5)))
     user.stop_anyhow()
     time.sleep(user.arm.engine.capabilities.stop.time + LOOKS)
 
