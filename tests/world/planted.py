@@ -144,7 +144,7 @@ def move_is_carried_out_after_a_stop() -> None:
     Arbiter.put, Arbiter.take = put, take
 
 
-@planted("dynamixel", USE, MOVES, NOT_ENABLED, seeds=10)
+@planted("dynamixel", USE, MOVES, NOT_ENABLED, seeds=20)
 def pause_leaves_the_motion() -> None:
     """`pause` ends what the driver does, and tells the hardware nothing."""
     plain = Transitions._begin
