@@ -108,6 +108,9 @@ def _hide_ndi(server: Any, draw: random.Random) -> str:
 
 _force = partial(ForceSensor, drift=(0.005 * 400.0,) * 3 + (0.005 * 20.0,) * 3)
 
+_HELD_UP: Final = 0.035
+"""s for which a world keeps a simulator from running, which then measures for the time before."""
+
 _ALL: Final = (
     _force(
         device="ati-netft",
@@ -129,7 +132,7 @@ _ALL: Final = (
         change=_load_schunk,
         error=(0.01,) * 3 + (0.001,) * 3,
         early=0.02,
-        late=0.005,
+        late=_HELD_UP,
         bias=lambda device: device._bias.load.tolist(),
         sends=lambda server: server.device.streams,
     ),
@@ -141,7 +144,7 @@ _ALL: Final = (
         change=_load_optoforce,
         error=(0.02,) * 3 + (0.01,) * 3,
         early=0.02,
-        late=0.005,
+        late=_HELD_UP,
         bias=lambda device: device._cells[0].bias.load.tolist(),
         sends=lambda server: False,  # it always does: nobody else can hear it
     ),
@@ -152,7 +155,7 @@ _ALL: Final = (
         change=_load_ft300,
         error=(0.08,) * 3 + (0.008,) * 3,
         early=0.02,
-        late=0.005,
+        late=_HELD_UP,
         bias=lambda device: device._bias.load.tolist(),
         sends=lambda server: server.device._device.streams,
     ),
@@ -169,7 +172,7 @@ _ALL: Final = (
         change=_hide_ndi,
         error=(2e-4,) * 3 + (2e-3,) * 4,
         early=0.04,
-        late=0.005,
+        late=0.05,  # a question is held up for 30 ms; what is hidden is so when a frame is told
         sends=lambda server: server.device._mode == "tracking",
     ),
 )

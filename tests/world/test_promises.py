@@ -34,7 +34,7 @@ KEPT: Final[dict[Case, str]] = {
 """Every case that ever failed, and what was wrong."""
 
 NEW: Final = 2
-"""Seeds that nobody has tried, for each device and run of the tests; half of them where it has one scenario."""
+"""Seeds that nobody has tried, for each device and run of the tests; half where it has one scenario."""
 
 
 @pytest.fixture(scope="module")

@@ -142,6 +142,7 @@ class Sight(Setting):
         self.acting: dict[str, History] = {}
         self.biases = History()
         self.changed = world.now
+        self._resets = 0
         self._draw = world.kernel.stream("acting")
         self.look()
         self._plan()
@@ -151,6 +152,9 @@ class Sight(Setting):
         """Look what acts on it, which bias is in force, and who stands still."""
         super().look()
         instrument, now = self.instrument, self.now
+        resets, self._resets = self._resets, self.world.troubles.struck["reset"]
+        if self._resets != resets:
+            self.hindered = now  # a connection that is lost carries no request to stop
         if self.sim.running:
             for name, numbers in instrument.truth(self._server).items():
                 self.acting.setdefault(name, History()).note(now, numbers)

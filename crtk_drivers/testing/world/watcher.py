@@ -60,9 +60,8 @@ def watch(world: World, instrument: Instrument, *, operations: int = 12, faults:
         watcher = _Watcher(sight)
         watcher.work(count)
         watcher.wait_for_values()
-        was_free = sight.now > sight.hindered + _STOPS_SENDING
         close(sight)
-        if was_free and (text := _goes_on(sight)):
+        if text := _goes_on(sight):
             world.find("it sends after close", text)
         sight.arm = None
 
@@ -78,8 +77,10 @@ def watch(world: World, instrument: Instrument, *, operations: int = 12, faults:
 
 def _goes_on(sight: Sight) -> str:
     """Say that the simulator sends after its driver was closed, where nothing was in the way of a stop."""
-    closed = sight.closed
-    if closed is None or sight.hindered > closed or not sight.sends:
+    closing, closed = sight.closing, sight.closed
+    if closing is None or closed is None or not sight.sends:
+        return ""
+    if sight.hindered > closing - _STOPS_SENDING:
         return ""
     return f"it was closed {sight.now - closed:.2f} s ago, and nothing was in the way"
 

@@ -32,6 +32,8 @@ RATES: Final = (1000, 500, 250, 100)
 """Measurements a second by the value of `OUTPUT_RATE`; others send several in a datagram."""
 SILENCE: Final = 0.3
 """Seconds without a datagram after which the stream is asked for again."""
+AGAIN: Final = 0.3
+"""Seconds for a new connection by which a sensor is told to stop."""
 ANSWER: Final = 1.0
 """Seconds that the box has for an answer."""
 PIECE: Final = 0.05
@@ -145,11 +147,22 @@ class FtsStream:
     def close(self) -> None:
         """Disconnect, and let it stop. May be called twice."""
         if self._udp is not None:
-            with contextlib.suppress(ConnectionLost):  # it is gone, and its stream finds nobody
-                self._tcp.write(frames.request(Op.STOP))
+            self._stop()
             self._udp.close()
         self._udp = self._receiver = None
         self._tcp.close()
+
+    def _stop(self) -> None:
+        """Let it stop; by a new connection where the one for commands was lost meanwhile."""
+        try:
+            self._tcp.write(frames.request(Op.STOP))
+        except ConnectionLost:
+            config, clock = self._config, self._clock
+            way = TcpTransport(config.host, config.tcp_port, "schunk-fts", _CHECK, clock=clock)
+            with contextlib.suppress(DeviceError):  # it is gone, and its stream finds nobody
+                way.open(clock() + AGAIN)
+                way.write(frames.request(Op.STOP))
+            way.close()
 
     def _identify(self, deadline: float) -> None:
         name = self._ask(deadline, Op.GET, frames.NAME, passing=True)
