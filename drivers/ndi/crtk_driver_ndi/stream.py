@@ -26,6 +26,9 @@ STEP: Final = 0.02
 SLOW: Final = 0.25
 """Share of the period by which a reply may take longer than the fastest one: else its question may have."""
 
+SET: Final = 1.0
+"""Seconds by which the tracker's own clock and ours differ from frame to frame only when one is set."""
+
 SHORTEST: Final = 1e-3
 LONGEST: Final = 0.2
 """Seconds from one frame to the next that are believed."""
@@ -64,6 +67,7 @@ class FrameStream:
         self._wall = WallClock()
         self._due = 0.0
         self._least = math.inf
+        self._asked = 0.0
 
     @property
     def due(self) -> float:
@@ -92,15 +96,15 @@ class FrameStream:
             self.repeated += 1
             self._due = arrival + STEP * self._period
             return False
-        if frame.number < before or self._was_set(
-            frame
-        ):  # or another client has started tracking anew
+        # Another client has started tracking anew, or somebody has set the tracker's clock.
+        if frame.number < before or self._was_set(frame, asked):
             self._clock.reset()
         elif self.newest is not None:
             risen = frame.number - before
             self._step = min(self._step or risen, risen)
             self.lost += risen // self._step - 1
             self._learn_period(self.newest, frame)
+        self._asked = asked
         ticks = frame.nanoseconds or frame.number
         taken = self._taken(ticks, asked, arrival)
         stamp = max(taken, self.stamp.monotonic + APART)
@@ -120,13 +124,13 @@ class FrameStream:
         (taken,) = self._clock.stamp(np.array([ticks]), np.array([asked])).tolist()
         return float(taken)
 
-    def _was_set(self, frame: Frame) -> bool:
+    def _was_set(self, frame: Frame, asked: float) -> bool:
         """Whether somebody has set the tracker's own clock since the frame before."""
         before = self.newest
         if before is None or not before.nanoseconds:
             return False
         passed = 1e-9 * (frame.nanoseconds - before.nanoseconds)
-        return not 0.0 < passed < 2.0 * LONGEST * (frame.number - before.number)
+        return abs(passed - (asked - self._asked)) > SET
 
     def _learn_period(self, before: Frame, frame: Frame) -> None:
         """The tracker may be slower than its family: by its settings, or its exposure."""
