@@ -21,7 +21,6 @@ from crtk_driver_ati_netft.pipeline import Pipeline
 from crtk_driver_ati_netft.stream import RdtStream
 from crtk_driver_haply.force import ForceInForce
 from crtk_driver_ndi.tool import ToolDevice
-from crtk_drivers.gates import setpoint
 from crtk_drivers.kit.software_bias import SoftwareBias
 from crtk_drivers.samples import Sample
 from crtk_drivers.testing.world import pusher, watcher
@@ -114,9 +113,3 @@ def force_is_not_dropped() -> None:
 
     ForceInForce.__init__ = begin
     ForceInForce.drop = lambda self: None
-
-
-@planted("haply", PUSH, "it pushes too hard", seeds=10)
-def force_is_not_bounded() -> None:
-    """A force is sent as it was asked for."""
-    setpoint.norms_into = lambda values, *limits: values
