@@ -19,9 +19,10 @@ from crtk_drivers.errors import CommandRefused, CrtkError
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.state import OperatingState, StateCommand
 from crtk_drivers.testing.world import judges
+from crtk_drivers.testing.world.acting import MOMENT
 from crtk_drivers.testing.world.judges import Judge
 from crtk_drivers.testing.world.subject import Installed, Scene, Subject
-from crtk_drivers.testing.world.user import MOMENT, close
+from crtk_drivers.testing.world.user import close
 from crtk_drivers.testing.world.world import World
 
 FELT: Final = 0.02

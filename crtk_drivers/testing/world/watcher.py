@@ -17,10 +17,11 @@ from crtk_drivers.errors import CommandRefused, CrtkError, DataTimeout, Reason, 
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Wrench, vector
 from crtk_drivers.state import OperatingState, StateCommand
+from crtk_drivers.testing.world.acting import MOMENT
 from crtk_drivers.testing.world.instrument import RAW, ForceSensor, Instrument, Numbers, Sight
 from crtk_drivers.testing.world.instrument_judges import judge
 from crtk_drivers.testing.world.judges import CLOCKS
-from crtk_drivers.testing.world.user import MOMENT, close
+from crtk_drivers.testing.world.user import close
 from crtk_drivers.testing.world.world import World
 
 _PATIENCE: Final = 10.0
