@@ -19,6 +19,7 @@ SCENARIOS: Final = {
     "use": tuple(SUBJECTS),
     "farewell": tuple(SUBJECTS),
     "die": tuple(SUBJECTS),
+    "still": tuple(SUBJECTS),
     "watch": tuple(INSTRUMENTS),
     "push": tuple(HAPTICS),
     "tread": tuple(PEDALS),
@@ -39,6 +40,11 @@ def farewell(world: World, device: str) -> None:
 def die(world: World, device: str) -> None:
     """Kill a device's driver while it works."""
     user.die(world, SUBJECTS[device])
+
+
+def still(world: World, device: str) -> None:
+    """Let a device's simulator stand still."""
+    user.still(world, SUBJECTS[device])
 
 
 def watch(world: World, device: str) -> None:

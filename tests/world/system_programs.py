@@ -722,7 +722,7 @@ def udp_stamped() -> Any:
     time.sleep(0.05)
     _, ((level, kind, stamp),), flags, _ = one.recvmsg(10, socket.CMSG_SPACE(16))
     seconds, micros = struct.unpack("@ll", stamp)
-    is_early = -1e-5 <= seconds + 1e-6 * micros - before < 0.04
+    is_early = before - 1e-5 <= seconds + 1e-6 * micros <= time.time() - 0.05
     other.sendto(b"b", one.getsockname())
     select.select([one], [], [], 1.0)
     return level, kind, flags, is_early, one.recvmsg(10, 8)[1:3]

@@ -20,6 +20,7 @@ SLOW = frozenset(
         "hold_waits_for_a_signal_that_may_have_come",
         "setpoints_are_sent_though_nothing_is_heard",
         "mean_goes_on_over_a_gap",
+        "two_locks_are_taken_in_two_orders",
     }
 )
 """Those that take more than 20 s, for the night."""

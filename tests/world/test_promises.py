@@ -1,4 +1,4 @@
-"""The promises of every driver at fixed seeds, at seeds that once failed, and at two new ones each time.
+"""The promises of every driver at fixed seeds, at seeds that once failed, and at a new one each time.
 
 What a failure prints ends with the command that runs it again. `python -m bench.world` searches for hours.
 """
@@ -17,6 +17,7 @@ FIXED: Final = {
     "use": ((1, True), (2, True), (3, False)),
     "farewell": ((1, True), (2, True), (3, True)),
     "die": ((1, True), (2, False)),
+    "still": ((1, True),),
     "watch": ((1, True), (2, True), (3, False)),
     "push": ((1, True), (2, True), (3, False)),
     "tread": ((1, True), (2, False)),
@@ -71,11 +72,11 @@ def test_fixed_seeds_find_nothing(
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_new_seeds_find_nothing(runner: Runner, device: str) -> None:
-    now = time.time_ns() // 1_000_000
+def test_new_seed_finds_nothing(runner: Runner, device: str) -> None:
+    """Of a scenario by chance. Searches try thousands."""
+    seed = time.time_ns() // 1_000_000
     known = [name for name, devices in SCENARIOS.items() if device in devices]
-    for seed in range(now, now + (NEW if len(known) > 1 else NEW // 2)):
-        judged(runner, Case(device, known[seed % len(known)], seed))
+    judged(runner, Case(device, known[seed % len(known)], seed))
 
 
 @pytest.mark.parametrize("case", KEPT, ids=str)

@@ -32,7 +32,7 @@ NAME: Final = "crtk_world_scenarios"
 HANG_SIGNAL: Final = signal.SIGUSR2
 """At it, a world writes where each of its threads is."""
 HANG_FILE: Final = "where_it_hangs.txt"
-"""In the folder of the world: what it writes then."""
+"""What it writes then, beside the folder in which it runs."""
 _ADDR_NO_RANDOMIZE: Final = 0x0040000
 _HERE: Final = "/proc/self/cwd"
 
@@ -142,8 +142,10 @@ def _load(file: Path) -> Any:
 def _be_child(scenarios: Any, requests: int, answers: int, folder: str) -> None:
     try:
         line = _read_line(requests)
-        os.chdir(folder)
-        faulthandler.register(HANG_SIGNAL, Path(HANG_FILE).open("w"))  # noqa: SIM115 - for its life
+        dump = Path(folder, HANG_FILE).open("w")  # noqa: SIM115 - for its life
+        faulthandler.register(HANG_SIGNAL, dump)
+        (inside := Path(folder, "world")).mkdir()
+        os.chdir(inside)
         if Path(_HERE).exists():  # the same name in each child, for a folder of its own
             tempfile.tempdir = _HERE
         _answer(answers, _run(scenarios, json.loads(line)))
