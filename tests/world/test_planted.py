@@ -14,13 +14,18 @@ from crtk_drivers.testing.world import Host
 EACH_DAY = 3
 SLOW = frozenset(
     {
-        "old_position_is_stamped_fresh",
-        "move_is_carried_out_after_a_stop",
-        "servo_that_is_silent_counts_as_read",
+        "answer_to_an_earlier_question_counts",
         "hold_waits_for_a_signal_that_may_have_come",
+        "move_is_carried_out_after_a_stop",
+        "old_position_is_stamped_fresh",
+        "pause_leaves_the_motion",
+        "servo_that_is_silent_counts_as_read",
+        "servos_are_not_told_to_stop",
         "setpoints_are_sent_though_nothing_is_heard",
-        "mean_goes_on_over_a_gap",
+        "stop_waits_for_the_check_of_a_move",
         "two_locks_are_taken_in_two_orders",
+        "upper_limit_of_a_move_is_not_checked",
+        "ur_program_goes_on_without_setpoints",
     }
 )
 """Those that take more than 20 s, for the night."""

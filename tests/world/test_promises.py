@@ -34,9 +34,6 @@ KEPT: Final[dict[Case, str]] = {
 }
 """Every case that ever failed, and what was wrong."""
 
-NEW: Final = 2
-"""Seeds that nobody has tried, for each device and run of the tests; half where it has one scenario."""
-
 
 @pytest.fixture(scope="module")
 def runner() -> Iterator[Runner]:

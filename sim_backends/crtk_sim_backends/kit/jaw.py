@@ -80,9 +80,8 @@ class Jaw:
         self.opening = self.widest = opening
         self.thing = Thing(width, stiffness) if width else None
         self.stalled = self.pressing = 0.0
-        self._met: Thing | None = (
-            None  # what has been in their way: it stays there, however far pressed
-        )
+        # What was in their way, and stays there, however far it is pressed.
+        self._met: Thing | None = None
         self._slips = 0.0
 
     def follow(self, goal: float, speed: float, force: float, seconds: float) -> Met:
