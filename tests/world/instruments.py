@@ -55,8 +55,11 @@ def _load_schunk(server: Any, draw: random.Random) -> str:
 
 def _optoforce(server: Any) -> Truth:
     unit = server.device._unit
-    counts = [value - zero for value, zero in zip(unit._filtered, unit.zero, strict=True)]
-    forces = [count / scale for count, scale in zip(counts, OPTOFORCE_COUNTS, strict=False)]
+    scales = OPTOFORCE_COUNTS[: len(unit.zero)]
+    # Without its filter it measures in the next cycle what acts now, and may set its zero by that.
+    counts = [load * scale for load, scale in zip(unit.carried, scales, strict=False)]
+    measured = unit._filtered if unit.filter else counts
+    forces = [(m - z) / s for m, z, s in zip(measured, unit.zero, scales, strict=True)]
     return {RAW: (*forces, *(6 - len(forces)) * [0.0])}
 
 

@@ -31,6 +31,10 @@ KEPT: Final[dict[Case, str]] = {
     Case("onrobot", "use", 1796078373): (
         "A simulator made up for 22 ms at once and arrived; it was judged by where it was before."
     ),
+    Case("optoforce", "watch", 1796089125): (
+        "A load and the zero of the unit changed between two looks of the judge."
+    ),
+    Case("schunk-fts", "watch", 1796089125): "Two loads changed between two looks of the judge.",
 }
 """Every case that ever failed, and what was wrong."""
 

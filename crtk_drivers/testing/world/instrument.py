@@ -183,6 +183,7 @@ class Sight(Setting):
             if self.sim.running:
                 self.world.say(self.instrument.change(self._server, draw))
                 self.changed = self.now
+                self.look()  # before it changes again
             self._plan()
 
         self.world.kernel.after(rest, change)

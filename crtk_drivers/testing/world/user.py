@@ -1,7 +1,7 @@
-"""Three scenarios: a device is used at random, is closed in trouble, or loses its driver.
+"""Scenarios: a device is used at random, is closed in trouble, loses its driver, or stands still itself.
 
-Each takes a world and a subject. Wrap one into a function of the world alone, at the
-top level of a file, and it can be run with any seed.
+Each takes a world and a subject. Wrap one into a function of the world alone, at the top level of a file, and
+it can be run with any seed.
 """
 
 from __future__ import annotations
