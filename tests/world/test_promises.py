@@ -31,6 +31,12 @@ KEPT: Final[dict[Case, str]] = {
     Case("onrobot", "use", 1796078373): (
         "A simulator made up for 22 ms at once and arrived; it was judged by where it was before."
     ),
+    Case("weiss-wsg", "use", 1796089130): (
+        "Another client moved on what had reached its goal, before the first one looked where it was."
+    ),
+    Case("ndi", "watch", 1796089132): (
+        "A question that was held back before the tracker's clock was known made a stamp early."
+    ),
     Case("optoforce", "watch", 1796089125): (
         "A load and the zero of the unit changed between two looks of the judge."
     ),

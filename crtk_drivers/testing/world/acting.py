@@ -25,7 +25,7 @@ MOMENT: Final = 0.01
 PATIENCE: Final = 10.0
 LOOKS: Final = 0.8
 """s that judges need to see that something moves still."""
-_SEEN: Final = 0.1
+SEEN: Final = 0.1
 """s for which a goal counts as reached: the arm may have been held up or moved on since."""
 _STOP_TAKES: Final = 0.3
 """s in which a stop is accepted: it waits for nothing."""
@@ -164,29 +164,29 @@ class User:
         """Return the s without a command after which a stream has ended."""
         return self.arm.engine.options.silence(find(name).level)
 
-    def move(self, *, waits: bool) -> None:
-        """Move, and wait until it is there, or not."""
+    def move(self, *, waits: bool, seen: float = SEEN) -> None:
+        """Move, and wait until it is there, or not; it was there in the last `seen` s."""
         goal = self.goal()
         move = self.send_move(goal)
         self.pause(0.3)
         if waits:
-            self.await_reached(move, goal)
+            self.await_reached(move, goal, seen)
 
-    def await_reached(self, move: Move, goal: Vector | None = None) -> bool:
+    def await_reached(self, move: Move, goal: Vector | None = None, seen: float = SEEN) -> bool:
         """Wait for the end of a move, and return whether it is there; with its goal, see that it is."""
         scene = self.scene
         if move.wait(PATIENCE):
             if goal is not None:
-                self.see_reached(move, goal)
+                self.see_reached(move, goal, seen)
             return True
         if move.outcome is not Outcome.RUNNING:
             text = f"wait() returns False; {move.outcome}"
             scene.world.find("wait contradicts the outcome", text)
         return False
 
-    def see_reached(self, move: Move, goal: Vector) -> None:
-        """See that the joints are where a move that was reached just now has taken them."""
-        if not self.was_at(goal, _SEEN):
+    def see_reached(self, move: Move, goal: Vector, seen: float = SEEN) -> None:
+        """See that the joints are, or were in the last `seen` s, where a move has taken them."""
+        if not self.was_at(goal, seen):
             text = f"a {move.name} to {goal} is reached, and the joints are at {self.scene.joints}"
             self.scene.world.find("reached too early", text)
 

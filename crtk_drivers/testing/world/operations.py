@@ -326,7 +326,7 @@ def _second_client(user: User) -> None:
     other = threading.Thread(target=interfere, name="second client")
     other.start()
     try:
-        user.move(waits=True)
+        user.move(waits=True, seen=PATIENCE)  # the other one may have moved on
     finally:
         other.join()
 
