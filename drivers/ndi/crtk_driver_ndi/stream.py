@@ -105,8 +105,7 @@ class FrameStream:
             self.lost += risen // self._step - 1
             self._learn_period(self.newest, frame)
         self._asked = asked
-        ticks = frame.nanoseconds or frame.number
-        taken = self._taken(ticks, asked, arrival)
+        taken = self._taken(frame, asked, arrival)
         stamp = max(taken, self.stamp.monotonic + APART)
         self.stamp = Stamp(round(stamp * 1e9) + self._wall.offset(), stamp)
         self.newest = frame
@@ -115,14 +114,25 @@ class FrameStream:
         self._due = taken + (1.0 - early) * self._period
         return True
 
-    def _taken(self, ticks: int, asked: float, arrival: float) -> float:
+    def _taken(self, frame: Frame, asked: float, arrival: float) -> float:
         """Return when a frame was taken; where its question may have been held back, by those before."""
+        ticks = frame.nanoseconds or frame.number
         least = self._least = min(self._least, self.reply_time)
         if self.reply_time > least + SLOW * self._period:
             known = self._clock.time_of(ticks)
-            return asked if known is None else min(known, arrival)
+            return min(self._after_the_last(frame, asked) if known is None else known, arrival)
         (taken,) = self._clock.stamp(np.array([ticks]), np.array([asked])).tolist()
         return float(taken)
+
+    def _after_the_last(self, frame: Frame, asked: float) -> float:
+        """Return when a frame was taken by the one before, while the tracker's clock is not known yet."""
+        before = self.newest
+        if before is None or frame.number < before.number:
+            return asked
+        passed = 1e-9 * (frame.nanoseconds - before.nanoseconds)
+        if not frame.nanoseconds:
+            passed = (frame.number - before.number) / max(1, self._step) * self._period
+        return max(asked, self.stamp.monotonic + passed)
 
     def _was_set(self, frame: Frame, asked: float) -> bool:
         """Whether somebody has set the tracker's own clock since the frame before."""

@@ -1,6 +1,7 @@
 """Frames: told once, counted, stamped with when they were taken, asked for when they are due."""
 
 import struct
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -145,3 +146,20 @@ def test_replies_held_back_are_not_stamped_younger(late: float, begins: int) -> 
         assert stream.counters["reply_time"] == pytest.approx(held_back)
         at = max(at + held_back, stream.due)
     assert asked > 90
+
+
+@pytest.mark.parametrize("held", [5, 300], ids=["at first", "later"])
+@pytest.mark.parametrize("reply", [bx, lambda number: bx2(number, number * 16_666_667)])
+def test_a_question_held_back_makes_no_stamp_early(
+    held: int, reply: Callable[[int], Reply]
+) -> None:
+    stream, at, late = FrameStream(RATE, "BX2" if reply is not bx else "BX"), 100.0, 0.075
+    for asked in range(held + 1):
+        reached = at + (late if asked == held else 1e-4)  # the tracker
+        number = int((reached - 100.0) * RATE)
+        stream.take(reply(number), at, reached + 1e-4)
+        at = max(at, stream.due)
+    taken = 100.0 + number / RATE
+    assert stream.newest is not None
+    assert stream.newest.number == number
+    assert stream.stamp.monotonic == pytest.approx(taken, abs=1.0 / RATE)
