@@ -23,7 +23,7 @@ from crtk_driver_haply.force import ForceInForce
 from crtk_driver_ndi.tool import ToolDevice
 from crtk_drivers.kit.software_bias import SoftwareBias
 from crtk_drivers.samples import Sample
-from crtk_drivers.testing.world import pusher, watcher
+from crtk_drivers.testing.world import instrument_user, pusher
 
 WATCH, PUSH = "watch", "push"
 NOT_SO: Final = "it was not so"
@@ -33,7 +33,7 @@ SENDS: Final = "it sends after close"
 
 vars(SCENARIOS).update(
     {
-        f"{name}_{WATCH}": functools.partial(watcher.watch, instrument=instrument)
+        f"{name}_{WATCH}": functools.partial(instrument_user.watch, instrument=instrument)
         for name, instrument in INSTRUMENTS.items()
     }
     | {

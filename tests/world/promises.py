@@ -13,7 +13,7 @@ from world.pedals import PEDALS
 from world.pedals import tread as tread_on
 from world.subjects import SUBJECTS
 
-from crtk_drivers.testing.world import World, pusher, user, watcher
+from crtk_drivers.testing.world import World, instrument_user, pusher, user
 
 SCENARIOS: Final = {
     "use": tuple(SUBJECTS),
@@ -49,7 +49,7 @@ def still(world: World, device: str) -> None:
 
 def watch(world: World, device: str) -> None:
     """Read a device that measures, and set it in any way."""
-    watcher.watch(world, INSTRUMENTS[device])
+    instrument_user.watch(world, INSTRUMENTS[device])
 
 
 def push(world: World, device: str) -> None:

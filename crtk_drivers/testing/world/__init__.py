@@ -7,16 +7,16 @@ search     many seeds, several at a time
 shrink     the fewest troubles that a finding needs
 Subject    a device whose truth is known, for the judges of all devices
 user       scenarios for a subject: what users do
-Instrument, ForceSensor  the same of a device that measures
-watcher    the scenario for these
-Haptic, pusher  the same of a device that pushes a hand
+Instrument a device that measures, whose truth is known; ForceSensor: one that measures forces
+Haptic     a haptic device whose force is known
+instrument_user, pusher    scenarios for these
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from crtk_drivers.testing.world import pusher, user, watcher
+    from crtk_drivers.testing.world import instrument_user, pusher, user
     from crtk_drivers.testing.world.instrument import ForceSensor, Instrument
     from crtk_drivers.testing.world.kernel import NotSimulated
     from crtk_drivers.testing.world.pusher import Haptic
@@ -36,12 +36,12 @@ __all__ = [
     "Subject",
     "World",
     "WorldError",
+    "instrument_user",
     "pusher",
     "run",
     "search",
     "shrink",
     "user",
-    "watcher",
 ]
 
 # Imported when first used: a host patches the standard library before anything that keeps its functions.

@@ -58,9 +58,9 @@ def watch(world: World, instrument: Instrument, *, operations: int = 12, faults:
             if sight.now > sight.hindered + _COMES_BACK:
                 world.find("it does not come back", f"no connection: {error}")
             return
-        watcher = _Watcher(sight)
-        watcher.work(count)
-        watcher.wait_for_values()
+        user = _User(sight)
+        user.work(count)
+        user.wait_for_values()
         close(sight)
         if text := _goes_on(sight):
             world.find("it sends after close", text)
@@ -86,7 +86,7 @@ def _goes_on(sight: Sight) -> str:
     return f"it was closed {sight.now - closed:.2f} s ago, and nothing was in the way"
 
 
-class _Watcher:
+class _User:
     """A user of a device that measures, who chooses by the world's generator.
 
     Args:
