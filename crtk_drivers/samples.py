@@ -115,6 +115,12 @@ class ClockOffset:
         return abs(self.value) - self.uncertainty > CLOCKS_AGREE
 
 
+_READINGS: Final = 5
+"""Times that two clocks are read at most, to read them at the same time."""
+_QUICK: Final = 1e-4
+"""s in which both are read, unless somebody else has the processor meanwhile."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stamp:
     """When something was acquired, on two clocks.
@@ -128,8 +134,21 @@ class Stamp:
 
     @classmethod
     def now(cls) -> Stamp:
-        """Return the present on both clocks."""
-        return cls(time.time_ns(), time.monotonic())
+        """Return the present on both clocks.
+
+        They cannot be read at once. Where this thread had to wait between the two, they are read again.
+        """
+        for _ in range(_READINGS):
+            begin, wall_ns, end = time.monotonic(), time.time_ns(), time.monotonic()
+            if end - begin < _QUICK:
+                break
+        return cls(wall_ns, end)
+
+    @classmethod
+    def at(cls, monotonic: float) -> Stamp:
+        """Return a moment on the monotonic clock (s) on both."""
+        now = cls.now()
+        return cls(now.wall_ns - round(1e9 * (now.monotonic - monotonic)), monotonic)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

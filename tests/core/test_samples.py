@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crtk_drivers import samples
 from crtk_drivers.commands import Kind
 from crtk_drivers.samples import (
     EMPTY,
@@ -151,3 +152,26 @@ def test_a_sample_shows_its_age() -> None:
     old = Sample(Stamp(now.wall_ns, now.monotonic - 2.0), values)
     assert re.fullmatch(r"Sample\([2-9]\.\d{3} s old: measured_js\)", repr(old))
     assert repr(Sample(Stamp(0, now.monotonic), values)) == "Sample(not valid: measured_js)"
+
+
+class HeldUp:
+    """Clocks of a thread that has to wait between two looks, so many times."""
+
+    def __init__(self, times: int) -> None:
+        self._now, self._looks, self._times = 100.0, 0, times
+
+    def monotonic(self) -> float:
+        self._looks += 1
+        self._now += 0.02 if self._looks % 2 == 0 and self._looks <= 2 * self._times else 1e-7
+        return self._now
+
+    def time_ns(self) -> int:
+        return round(1e9 * (self._now + 1e-7 + 1000.0))
+
+
+@pytest.mark.parametrize("times", [0, 1, 4])
+def test_stamp_has_both_clocks_of_one_moment(times: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(samples, "time", HeldUp(times))
+    now, then = Stamp.now(), Stamp.at(99.5)
+    assert 1e-9 * now.wall_ns - now.monotonic == pytest.approx(1000.0, abs=1e-6)
+    assert then == Stamp(pytest.approx(round(1e9 * 1099.5), abs=1000), 99.5)

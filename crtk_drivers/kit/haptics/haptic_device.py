@@ -261,8 +261,7 @@ class HapticDevice(Device):
         return Flags.HOMING not in self._state.flags and Flags.INITIALIZED in self._state.flags
 
     def _stamp(self) -> Stamp:
-        age = time.monotonic() - self._state.time
-        return Stamp(time.time_ns() - round(1e9 * age), self._state.time)
+        return Stamp.at(self._state.time)
 
     def _values(self) -> dict[str, Pose | Twist | Wrench]:
         told, frame = self._state, self._traits.frame_id

@@ -415,7 +415,7 @@ class ChainLink:
             prepared.slow.restart()
         ended = time.monotonic()
         middle = 0.5 * (began + ended)
-        stamp = Stamp(time.time_ns() - round((ended - middle) * 1e9), middle)
+        stamp = Stamp.at(middle)
         seen = np.where(valid, middle, before.seen)
         self.frame = Frame(stamp, **columns, seen=seen, valid=valid)
         self.cycles += 1

@@ -236,11 +236,11 @@ class GalilController(MotionController):
     def exchange(self, deadline: float) -> Heard:
         data = self._link.read(deadline)
         newest: Record | None = None
-        now = Stamp.now()
+        now = time.monotonic()
         for _ in range(WAITING):
             if not data:
                 break
-            newest = self._records.take(data, now.monotonic) or newest
+            newest = self._records.take(data, now) or newest
             data = self._link.read(0.0)
         self._commander.collect()
         self._look_at_refusals()
@@ -248,9 +248,8 @@ class GalilController(MotionController):
             return Heard()
         fault = self._judged(newest)
         made, axes = self._records.heard, self._told
-        stamp = Stamp(now.wall_ns - round(1e9 * (now.monotonic - made)), made)
         counted = Counted(
-            stamp,
+            Stamp.at(made),
             [axis.position for axis in axes],
             [axis.velocity for axis in axes],
             [axis.torque for axis in axes],

@@ -132,8 +132,7 @@ class OptoForceDevice(Sensor):
             loads = cell.loads(batch.counts[:, number * axes : (number + 1) * axes])
             cell.take(loads, batch.times, spoilt)
         at = float(batch.times[-1])
-        wall_ns = time.time_ns() - round(1e9 * (time.monotonic() - at))
-        stamp = Stamp(wall_ns if self._monitor.is_valid(batch.status) else 0, at)
+        stamp = Stamp.at(at) if self._monitor.is_valid(batch.status) else Stamp(0, at)
         single = self._cells[0].values if not self._children else {}
         self.newest = Sample(stamp, single)
         return self.newest

@@ -392,8 +392,7 @@ class Ros2ControlDevice(Device):
             return None
         self._motion.settle(measured)
         self._late = now - measured.acquired
-        wall = time.time_ns() - int((time.monotonic() - measured.acquired) * 1e9)
-        return Sample(Stamp(wall, measured.acquired), self._values(measured.state))
+        return Sample(Stamp.at(measured.acquired), self._values(measured.state))
 
     def _await(self, deadline: float) -> Measured | None:
         with self._arrived:

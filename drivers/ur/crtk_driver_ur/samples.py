@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
@@ -139,9 +138,8 @@ class SampleMaker:
         target torque.
         """
         made = state.received - late
-        wall = time.time_ns() - int((time.monotonic() - made) * 1e9)
         reading = _Reading(state, self._shift_to_tool(state))
-        return Sample(Stamp(wall, made), OnDemand(_MAKERS, reading))
+        return Sample(Stamp.at(made), OnDemand(_MAKERS, reading))
 
     @property
     def has_tool_of_controller(self) -> bool:

@@ -109,9 +109,8 @@ class Ft300Device(Sensor):
         spoilt = "they do not change any more" if self._is_frozen else ""
         newest, measured = batch.loads[-1], self._bias.take_off(*batch, spoilt)[-1]
         at = float(batch.times[-1])
-        wall_ns = 0 if self._is_frozen else time.time_ns() - round(1e9 * (time.monotonic() - at))
         return Sample(
-            Stamp(wall_ns, at),
+            Stamp(0, at) if self._is_frozen else Stamp.at(at),
             {
                 "measured_cf": self._wrench(measured),
                 "raw/measured_cf": self._wrench(newest),
