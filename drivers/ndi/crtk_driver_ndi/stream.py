@@ -91,6 +91,10 @@ class FrameStream:
         """
         frame = self._parse(reply)
         self.reply_time = arrival - asked
+        if self._least == math.inf and self.reply_time > self._period:
+            # Nobody knows when a first frame was taken that took so long. The next one is compared with it.
+            self._least, self._due = self.reply_time, arrival
+            return False
         before = self.newest.number if self.newest is not None else -1
         if frame.number < 0 or frame.number == before:
             self.repeated += 1

@@ -163,3 +163,12 @@ def test_a_question_held_back_makes_no_stamp_early(
     assert stream.newest is not None
     assert stream.newest.number == number
     assert stream.stamp.monotonic == pytest.approx(taken, abs=1.0 / RATE)
+
+
+def test_a_first_frame_that_took_long_is_not_told() -> None:
+    stream, at = FrameStream(RATE, "BX"), 100.0
+    assert not stream.take(bx(5), at, at + 0.075)
+    assert stream.newest is None
+    at = stream.due
+    assert stream.take(bx(6), at, at + 1e-4)
+    assert stream.stamp.monotonic == pytest.approx(at)
