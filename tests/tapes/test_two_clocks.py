@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import signal
 import subprocess
 import sys
@@ -231,8 +232,10 @@ def test_a_clock_apart_is_told_and_drawn_by_arrival(tmp_path: Path) -> None:
     for each in ("/old", "/ahead"):
         arrivals = times_of(recording, f"{each}/measured_js", "log_time")
         assert drawn(recording, each) == pytest.approx(arrivals, abs=1e-6)
-    assert "that of /ahead is 2.000 s ahead. Compare" in contents_of(recording).note
-    assert told.count("clock: that of /ahead is 2.000 s ahead of this computer's") == 1
+    # As precisely as it could be measured, not to the millisecond on a busy machine.
+    ahead = r"that of /ahead is (1\.99|2\.00)\d s ahead"
+    assert re.search(rf"{ahead}\. Compare", contents_of(recording).note)
+    assert len(re.findall(rf"clock: {ahead} of this computer's", told)) == 1
 
 
 @pytest.mark.usefixtures("drivers")
