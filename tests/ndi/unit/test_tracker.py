@@ -83,6 +83,9 @@ def test_a_missed_frame_answers_no_later_question(
     say(talk, "D.001.004")
     assert not tracker.read(time.monotonic() + 0.05)
     assert peer.recv(100).endswith(command("TX:0801"))
+    say(talk, "010AMISSING0000003100000006\n0000")
+    assert not tracker.read(time.monotonic() + 0.05)  # a first frame that took long to come
+    assert peer.recv(100) == command("TX:0801")
     say(talk, "010AMISSING0000003100000007\n0000")
     before = time.monotonic()
     assert tracker.read(soon())
