@@ -16,7 +16,7 @@ from crtk_drivers.errors import CrtkError
 from crtk_drivers.samples import Joy
 from crtk_drivers.testing.world.instrument import History
 from crtk_drivers.testing.world.subject import PERIOD, Installed, Setting
-from crtk_drivers.testing.world.user import close
+from crtk_drivers.testing.world.user import close, connects, storm
 from crtk_drivers.testing.world.world import World
 from crtk_sim_backends.control import ControlError
 
@@ -96,11 +96,7 @@ def tread(world: World, pedal: Pedal, *, faults: int = 6) -> None:
 
     def session() -> None:
         scene.closing = scene.closed = None
-        scene.driver = world.kernel.process
-        try:
-            scene.connect()
-        except CrtkError as error:
-            world.say(f"no connection: {error}")
+        if not connects(scene):
             return
         time.sleep(1.0 + 4.0 * draw.random())
         close(scene)
@@ -110,8 +106,7 @@ def tread(world: World, pedal: Pedal, *, faults: int = 6) -> None:
         for _ in range(draw.choice((1, 1, 2, 3))):
             session()
 
-    kinds = () if world.wild else ("step clock",)
-    world.troubles.storm(0.05, 4.0, faults, kinds)
+    storm(world, 4.0, faults)
     driver = world.start("driver", drive)
     while driver.alive:
         _touch(scene)

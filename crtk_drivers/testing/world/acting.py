@@ -19,6 +19,7 @@ from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.samples import Vector
 from crtk_drivers.state import OperatingState, StateCommand
 from crtk_drivers.testing.world.subject import Scene
+from crtk_drivers.testing.world.world import World
 
 MOMENT: Final = 0.01
 """s around something important within which a fault may come."""
@@ -34,6 +35,28 @@ _FAR: Final = 8.0
 _SLOWER: Final = "trajectory_j/set_ratio_v"
 _WAITS: Final = frozenset({Reason.TRANSITION_RUNNING, Reason.MODE_SWITCH, Reason.STREAM_OWNED})
 """Reasons for which a command is refused that comes too early."""
+
+
+def attempt(
+    world: World, name: str, act: Callable[[], object], is_expected: Callable[[CrtkError], bool]
+) -> None:
+    """Do something that may be refused, with a reason.
+
+    Args:
+        world: where.
+        name: for the finding.
+        act: does it.
+        is_expected: whether an error may come though nothing goes wrong.
+    """
+    try:
+        act()
+    except CrtkError as error:
+        world.say(f"  {type(error).__name__}: {error}")
+        if not (world.wild or is_expected(error)):
+            world.find("it fails though nothing is wrong", f"{name}: {error}")
+        if not str(error) or (isinstance(error, CommandRefused) and not error.detail):
+            world.find("refused without a reason", repr(error))
+        time.sleep(world.random.random() * 0.3)
 
 
 class User:
@@ -79,20 +102,14 @@ class User:
             may_fail: it may fail though nothing goes wrong: it is stopped on purpose.
             may_be: for these reasons it may be refused though nothing goes wrong.
         """
-        world = self.scene.world
-        if name != "enable":
-            world.say(f"{name}, {self.arm.operating_state().state}")
-        try:
-            act()
-        except CrtkError as error:
-            world.say(f"  {type(error).__name__}: {error}")
+
+        def is_expected(error: CrtkError) -> bool:
             reason = error.reason if isinstance(error, CommandRefused) else None
-            is_allowed = may_fail or self.has_interfered or reason in {*_WAITS, *may_be}
-            if not (world.wild or is_allowed):
-                world.find("it fails though nothing is wrong", f"{name}: {error}")
-            if not str(error) or (isinstance(error, CommandRefused) and not error.detail):
-                world.find("refused without a reason", repr(error))
-            self.pause(0.3)
+            return may_fail or self.has_interfered or reason in {*_WAITS, *may_be}
+
+        if name != "enable":
+            self.scene.world.say(f"{name}, {self.arm.operating_state().state}")
+        attempt(self.scene.world, name, act, is_expected)
 
     def pause(self, most: float) -> None:
         """Do nothing for a while."""

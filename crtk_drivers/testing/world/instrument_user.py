@@ -17,22 +17,18 @@ from crtk_drivers.errors import CommandRefused, CrtkError, DataTimeout, Reason, 
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Wrench, vector
 from crtk_drivers.state import OperatingState, StateCommand
-from crtk_drivers.testing.world.acting import MOMENT
+from crtk_drivers.testing.world.acting import MOMENT, attempt
 from crtk_drivers.testing.world.instrument import RAW, ForceSensor, Instrument, Numbers, Sight
 from crtk_drivers.testing.world.instrument_judges import judge
-from crtk_drivers.testing.world.judges import CLOCKS
-from crtk_drivers.testing.world.user import close
+from crtk_drivers.testing.world.judges import CLOCKS, SETTLED
+from crtk_drivers.testing.world.user import COMES_BACK, close, connects, storm
 from crtk_drivers.testing.world.world import World
 
 _PATIENCE: Final = 10.0
-_COMES_BACK: Final = 15.0
-"""s in which a driver measures again once nothing goes wrong any more: pauses of its attempts grow to 5 s."""
 _CHECKED: Final = 0.15
 """s before the end of `bias` in which what was measured is like the bias: a driver looks for 0.1 s."""
 _STOPS_SENDING: Final = 0.3
 """s before `close` in which the network let all pass, where a request to stop counts as come."""
-_SETTLED: Final = 0.7
-"""s after a process stood still in which nothing is judged by the clock."""
 _EXPECTED: Final = (Reason.TRANSITION_RUNNING, Reason.INVALID_TRANSITION, Reason.EMPTY)
 """Reasons for which a command is refused that comes too early, or in another state."""
 
@@ -50,13 +46,7 @@ def watch(world: World, instrument: Instrument, *, operations: int = 12, faults:
 
     def session(count: int) -> None:
         sight.closing = sight.closed = None
-        sight.driver = world.kernel.process
-        try:
-            sight.connect()
-        except CrtkError as error:
-            world.say(f"no connection: {error}")
-            if sight.now > sight.hindered + _COMES_BACK:
-                world.find("it does not come back", f"no connection: {error}")
+        if not connects(sight, COMES_BACK):
             return
         user = _User(sight)
         user.work(count)
@@ -67,8 +57,7 @@ def watch(world: World, instrument: Instrument, *, operations: int = 12, faults:
         sight.arm = None
 
     def drive() -> None:
-        kinds = () if world.wild else ("step clock",)
-        world.troubles.storm(0.05, 0.25 * operations, faults, kinds)
+        storm(world, 0.25 * operations, faults)
         sessions = world.random.choice((1, 1, 2, 3))
         for _ in range(sessions):
             session(operations // sessions)
@@ -139,15 +128,7 @@ class _User:
         begun = sight.now
         if world.wild:
             world.troubles.around(MOMENT, chance=0.1)
-        try:
-            action()
-        except CrtkError as error:
-            world.say(f"  {type(error).__name__}: {error}")
-            if not (world.wild or self._is_no_wonder(error, begun)):
-                world.find("it fails though nothing is wrong", f"{name}: {error}")
-            if not str(error) or (isinstance(error, CommandRefused) and not error.detail):
-                world.find("refused without a reason", repr(error))
-            self.pause(0.3)
+        attempt(world, name, action, lambda error: self._is_no_wonder(error, begun))
 
     def _is_no_wonder(self, error: CrtkError, begun: float) -> bool:
         """Whether something fails for what the user or the load does."""
@@ -173,7 +154,7 @@ class _User:
         """Wait until it measures, once nothing goes wrong any more: it comes back by itself."""
         sight, world = self._sight, self._sight.world
         begun = sight.now
-        while sight.now < max(begun, sight.hindered) + _COMES_BACK:
+        while sight.now < max(begun, sight.hindered) + COMES_BACK:
             if not isinstance(sight.instrument, ForceSensor) and not self._arm.is_enabled():
                 self.attempt("enable", self._enable)
             if any(sight.found(name) is not None for name in sight.acting):
@@ -207,7 +188,7 @@ class _User:
         begun, offset = sight.now, world.kernel.wall_offset
         stamp = self._get(self._reading(), age=age, wait=wait)
         took = sight.now - begun
-        is_told = world.kernel.wall_offset == offset and begun > sight.disturbed + _SETTLED
+        is_told = world.kernel.wall_offset == offset and begun > sight.disturbed + SETTLED
         if is_told and time.time() - stamp > age + CLOCKS + took:
             world.find(
                 "it was not so", f"a value of at most {age:g} s is {time.time() - stamp:.3f} s old"
@@ -243,7 +224,7 @@ class _User:
                     "a bias is wrong", f"it was {before}; bias failed, and it is {sight.bias()}"
                 )
             raise
-        if self._sets == sets and sight.disturbed < begun - _SETTLED:
+        if self._sets == sets and sight.disturbed < begun - SETTLED:
             self._is_so("bias", sight.bias(), begun)
 
     def _is_so(self, name: str, bias: Numbers, begun: float) -> None:

@@ -10,19 +10,20 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from typing_extensions import override
 
 from crtk_drivers.commands import find
-from crtk_drivers.errors import CommandRefused, CrtkError
+from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.state import OperatingState, StateCommand
 from crtk_drivers.testing.world import judges
-from crtk_drivers.testing.world.acting import MOMENT
+from crtk_drivers.testing.world.acting import MOMENT, attempt
 from crtk_drivers.testing.world.judges import Judge
 from crtk_drivers.testing.world.subject import Installed, Scene, Subject
-from crtk_drivers.testing.world.user import close
+from crtk_drivers.testing.world.user import COMES_BACK, close, connects, kill, storm
 from crtk_drivers.testing.world.world import World
 
 FELT: Final = 0.02
@@ -30,8 +31,6 @@ FELT: Final = 0.02
 _CYCLE: Final = 0.008
 _PATIENCE: Final = 10.0
 _AFTER_DEATH: Final = 3.0
-_COMES_BACK: Final = 15.0
-"""s in which a driver connects once nothing goes wrong any more."""
 _ABOVE: Final = 1.001
 _DIES: Final = 0.3
 """Share of the worlds in which the driver is killed."""
@@ -131,25 +130,13 @@ def push(world: World, haptic: Haptic, *, operations: int = 12, faults: int = 6)
     dies = world.random.random() < _DIES
 
     def drive() -> None:
-        scene.driver = driver = world.kernel.process
-        kinds = () if world.wild else ("step clock",)
-        world.troubles.storm(0.05, 0.3 * operations, faults, kinds)
-
-        def kill() -> None:
-            scene.died = scene.now
-            world.say("the driver is killed")
-            world.kernel.end_process(driver, -9, silently=False)
-
-        try:
-            arm = scene.connect()
-        except CrtkError as error:
-            world.say(f"no connection: {error}")
-            if scene.now > scene.hindered + _COMES_BACK:
-                world.find("it does not come back", f"no connection: {error}")
+        storm(world, 0.3 * operations, faults)
+        if not connects(scene, COMES_BACK):
             return
         if dies:
-            world.kernel.after(0.2 + 0.2 * operations * world.random.random(), kill)
-        _Pusher(scene, arm).work(1000 if dies else operations)
+            moment = 0.2 + 0.2 * operations * world.random.random()
+            world.kernel.after(moment, partial(kill, scene))
+        _Pusher(scene).work(1000 if dies else operations)
         close(scene)
 
     world.join(world.start("driver", drive))
@@ -162,12 +149,12 @@ class _Pusher:
 
     Args:
         scene: with the driver connected.
-        arm: that driver.
     """
 
-    def __init__(self, scene: Touch, arm: LocalDevice) -> None:
+    def __init__(self, scene: Touch) -> None:
+        assert scene.arm is not None
         self._scene = scene
-        self._arm = arm
+        self._arm: LocalDevice = scene.arm
         self._random = scene.world.random
         self._actions: dict[str, Callable[[], None]] = {
             "stream": self._stream,
@@ -191,15 +178,7 @@ class _Pusher:
         world = self._scene.world
         if name != "enable":
             world.say(f"{name}, {self._arm.operating_state().state}")
-        try:
-            action()
-        except CrtkError as error:
-            world.say(f"  {type(error).__name__}: {error}")
-            if not world.wild:
-                world.find("it fails though nothing is wrong", f"{name}: {error}")
-            if not str(error) or (isinstance(error, CommandRefused) and not error.detail):
-                world.find("refused without a reason", repr(error))
-            time.sleep(0.3 * self._random.random())
+        attempt(world, name, action, lambda _: False)
 
     def _until_enabled(self) -> None:
         state = self._arm.operating_state().state

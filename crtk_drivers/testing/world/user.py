@@ -6,6 +6,7 @@ it can be run with any seed.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -21,6 +22,8 @@ from crtk_drivers.testing.world.streaming import stream
 from crtk_drivers.testing.world.subject import Scene, Setting, Subject
 from crtk_drivers.testing.world.world import World
 
+COMES_BACK: Final = 15.0
+"""s in which a driver works again once nothing goes wrong any more: pauses of its attempts grow to 5 s."""
 _AFTERWARDS: Final = 0.5
 _AFTER_DEATH: Final = 4.0
 _STANDS_STILL: Final = 2.0
@@ -43,7 +46,7 @@ _MEANWHILE: Final = (
     "free",
     "falls silent",
 )
-"""What another thread may be about while the driver is closed."""
+"""What another thread may do while the driver is closed."""
 
 
 def use(world: World, subject: Subject, *, operations: int = 25, faults: int = 10) -> None:
@@ -56,9 +59,7 @@ def use(world: World, subject: Subject, *, operations: int = 25, faults: int = 1
     """
 
     def work(scene: Scene) -> None:
-        # Without bad weather the wall clock alone is set, and nothing may depend on that.
-        kinds = () if world.wild else ("step clock",)
-        world.troubles.storm(0.05, 0.25 * operations, faults, kinds)
+        storm(world, 0.25 * operations, faults)
         script.work(User(scene), operations)
         close(scene, _begin_something(scene) if world.random.random() < _AGAIN else None)
         if scene.closed is not None and world.random.random() < _AGAIN:
@@ -88,20 +89,13 @@ def die(world: World, subject: Subject) -> None:
     silently = world.random.random() < 0.5
 
     def work(scene: Scene) -> None:
-        driver = world.kernel.process
-
-        def kill() -> None:
-            scene.died = scene.now
-            world.say("the driver's machine vanishes" if silently else "the driver is killed")
-            world.kernel.end_process(driver, -9, silently=silently)
-
         user = User(scene)
         is_cut = world.wild and world.random.random() < 0.5
         begins = world.random.choice(_LONG if is_cut else ("", *_LONG))
         if begins:
             user.attempt("enable", user.until_enabled)
         moment = 0.2 + 2.0 * world.random.random()
-        world.kernel.after(moment, kill)
+        world.kernel.after(moment, partial(kill, scene, silently=silently))
         if is_cut:  # what it sends meanwhile is delivered when it is gone
             before = _BLOCKED * world.random.random()
             world.troubles.block(max(0.0, moment - before), before + _FREED * world.random.random())
@@ -136,15 +130,46 @@ def _play(world: World, subject: Subject, work: Callable[[Scene], None]) -> None
     judge(scene)
 
     def drive() -> None:
-        scene.driver = world.kernel.process
-        try:
-            scene.connect()
-        except CrtkError as error:
-            world.say(f"no connection: {error}")
-        else:
+        if connects(scene):
             work(scene)
 
     world.join(world.start("driver", drive))
+
+
+def connects(scene: Setting, within: float = math.inf) -> bool:
+    """Connect the driver of this process, and return whether it did.
+
+    Args:
+        scene: where it is.
+        within: s after the last trouble in which it must.
+    """
+    world = scene.world
+    scene.driver = world.kernel.process
+    try:
+        scene.connect()
+    except CrtkError as error:
+        world.say(f"no connection: {error}")
+        if scene.now > scene.hindered + within:
+            world.find("it does not come back", f"no connection: {error}")
+        return False
+    return True
+
+
+def storm(world: World, seconds: float, faults: int) -> None:
+    """Let up to so many faults come within some s.
+
+    Without bad weather the wall clock alone is set, and nothing may depend on that.
+    """
+    world.troubles.storm(0.05, seconds, faults, () if world.wild else ("step clock",))
+
+
+def kill(scene: Setting, *, silently: bool = False) -> None:
+    """Kill the driver's process, or let its machine vanish `silently`."""
+    world = scene.world
+    assert scene.driver is not None
+    scene.died = scene.now
+    world.say("the driver's machine vanishes" if silently else "the driver is killed")
+    world.kernel.end_process(scene.driver, -9, silently=silently)
 
 
 def _connect_again(scene: Scene) -> None:
@@ -164,7 +189,7 @@ def _connect_again(scene: Scene) -> None:
 
 
 def _begin_something(scene: Scene) -> threading.Thread:
-    """Let another thread be about something, from now on."""
+    """Let another thread do one of `_MEANWHILE` from now on."""
     user = User(scene)
     found = script.offered(user)
     name = scene.world.random.choice([each for each in _MEANWHILE if each in found])
