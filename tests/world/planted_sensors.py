@@ -15,12 +15,12 @@ from world.haptics import HAPTICS
 from world.instruments import INSTRUMENTS
 from world.planted import BELIEVED, MOVES, NOT_ENABLED, SCENARIOS, planted
 
-from crtk_driver_ati_netft import pipeline as netft_pipeline
 from crtk_driver_ati_netft import services as netft_services
 from crtk_driver_ati_netft.pipeline import Pipeline
 from crtk_driver_ati_netft.stream import RdtStream
 from crtk_driver_haply.force import ForceInForce
 from crtk_driver_ndi.tool import ToolDevice
+from crtk_drivers.kit.sensing import filters
 from crtk_drivers.kit.software_bias import SoftwareBias
 from crtk_drivers.samples import Sample
 from crtk_drivers.testing.world import instrument_user, pusher
@@ -46,7 +46,7 @@ vars(SCENARIOS).update(
 @planted("ati-netft", WATCH, MIXED, NOT_SO, seeds=40)
 def mean_goes_on_over_a_gap() -> None:
     """What was measured before a gap is averaged with what follows it."""
-    netft_pipeline.behind_gap = lambda times, before, longest: -1
+    filters.behind_gap = lambda times, before, longest: -1
 
 
 @planted("ati-netft", WATCH, MIXED, seeds=10)

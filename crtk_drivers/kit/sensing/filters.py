@@ -45,6 +45,30 @@ def behind_gap(times: NDArray[np.float64], before: float, longest: float) -> int
     return int(gaps[-1]) if gaps.size else -1
 
 
+class Gaps:
+    """Finds the gaps in one stream, and lets its filter begin anew behind them."""
+
+    def __init__(self) -> None:
+        self._newest = math.inf
+
+    def filtered(
+        self, by: Filter, values: Block, times: NDArray[np.float64], longest: float
+    ) -> Block | None:
+        """Return the newest result of a filter, which mixes nothing across a gap; None if there is none.
+
+        Args:
+            by: the filter.
+            values, times: what was measured (n, axes), and when (n,), in s.
+            longest: s between two values that are no gap.
+        """
+        before, self._newest = self._newest, float(times[-1])
+        behind = behind_gap(times, before, longest)
+        if behind >= 0:
+            by.reset()
+            values = values[behind:]
+        return by.take(values)
+
+
 class Mean:
     """The mean of each window of so many values.
 

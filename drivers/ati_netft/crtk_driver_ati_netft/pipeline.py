@@ -21,7 +21,7 @@ from crtk_driver_ati_netft.blocks import MEASUREMENT, Block, BlockReader, BlockR
 from crtk_driver_ati_netft.compensation import GRAVITY, NO_LOAD, UNKNOWN_LOAD, Compensation, Tool
 from crtk_driver_ati_netft.stream import Batch
 from crtk_drivers.kit.clock_fit import WallClock
-from crtk_drivers.kit.sensing.filters import Filter, LowPass, Mean, behind_gap
+from crtk_drivers.kit.sensing.filters import Filter, Gaps, LowPass, Mean
 from crtk_drivers.samples import Array, Vector
 
 RING: Final = 1 << 16
@@ -81,7 +81,7 @@ class Pipeline:
         self._rotation: Array | None = None
         self._rotation_ends = -math.inf
         self._filter: Filter = Mean(1)
-        self._newest = math.inf
+        self._gaps = Gaps()
         self._record_rate = 0.0
         self._wall_clock = WallClock()
         self._stamp = 0
@@ -197,7 +197,8 @@ class Pipeline:
         for listener in self._listeners:
             self._tell(listener, block)
         self._tune(record_rate)
-        filtered = self._filter.take(self._without_gap(batch))
+        longest = max(1.0 / self._rate, 2.0 * self.delay)
+        filtered = self._gaps.filtered(self._filter, batch.values, batch.times, longest)
         if filtered is None:
             return None
         index = len(batch) - 1 - self._filter.rest
@@ -214,15 +215,6 @@ class Pipeline:
             stamps += back + 1
         self._stamp = int(stamps[-1])
         return stamps
-
-    def _without_gap(self, batch: Batch) -> Array:
-        """Return what is to be filtered: what was measured before a gap is not mixed with what follows it."""
-        before, self._newest = self._newest, float(batch.times[-1])
-        behind = behind_gap(batch.times, before, max(1.0 / self._rate, 2.0 * self.delay))
-        if behind < 0:
-            return batch.values
-        self._filter.reset()
-        return batch.values[behind:]
 
     def restart(self) -> None:
         """Forget what was filtered: the stream begins anew."""

@@ -5,7 +5,6 @@ Connected, it measures in any state. ENABLED says that somebody relies on it: an
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -32,7 +31,7 @@ from crtk_drivers.device import (
 from crtk_drivers.errors import ConnectionLost
 from crtk_drivers.kit import until
 from crtk_drivers.kit.clock_fit import WallClock
-from crtk_drivers.kit.sensing.filters import Filter, LowPass, Mean, behind_gap
+from crtk_drivers.kit.sensing.filters import Filter, Gaps, LowPass, Mean
 from crtk_drivers.kit.sensing.load_monitor import LoadMonitor
 from crtk_drivers.kit.software_bias import SoftwareBias, load_text
 from crtk_drivers.samples import Array, Sample, Stamp, Wrench
@@ -57,7 +56,7 @@ class FtsDevice(Sensor):
         self._stream = FtsStream(config, lambda: self._aborted)
         self._monitor = LoadMonitor(STATUS, 1.0, config.on_saturation)
         self._filter: Filter = Mean(1)
-        self._last = math.inf
+        self._gaps = Gaps()
         where = f"schunk-fts {self.address}"
         self._bias = SoftwareBias(np.array(config.bias), SMALLEST, config.frame_id, where)
         self._newest = np.zeros(6)
@@ -116,7 +115,8 @@ class FtsDevice(Sensor):
             if batch is None:
                 return None
             self._follow(batch)
-            filtered = self._filter.take(self._without_gap(batch))
+            longest = max(1.0 / self._config.rate, 2.0 * self._filter.delay / self._stream.rate)
+            filtered = self._gaps.filtered(self._filter, batch.values, batch.times, longest)
             now = time.monotonic()
             spoilt = self._monitor.error(now) or self._monitor.saturation(now)
             self._bias.take_off(batch.values, batch.times, spoilt)
@@ -124,16 +124,6 @@ class FtsDevice(Sensor):
             self._due = time.monotonic() + 1.0 / self._config.rate - self._filter.rest / rate
             if filtered is not None:
                 return self._sample(filtered, batch)
-
-    def _without_gap(self, batch: Batch) -> Array:
-        """Return what is to be filtered: what was measured before a gap is not mixed with what follows it."""
-        before, self._last = self._last, float(batch.times[-1])
-        longest = max(1.0 / self._config.rate, 2.0 * self._filter.delay / self._stream.rate)
-        behind = behind_gap(batch.times, before, longest)
-        if behind < 0:
-            return batch.values
-        self._filter.reset()
-        return batch.values[behind:]
 
     def _follow(self, batch: Batch) -> None:
         now = time.monotonic()
