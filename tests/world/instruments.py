@@ -13,7 +13,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from crtk_drivers.testing.world.instrument import RAW, ForceSensor, Instrument, Truth
+from crtk_drivers.testing.world.instrument import (
+    RAW,
+    ForceSensor,
+    Instrument,
+    Missing,
+    Numbers,
+    Truth,
+)
 from crtk_sim_backends.faults import Fault
 from crtk_sim_backends.ndi.motion import place
 from crtk_sim_backends.optoforce.unit import COUNTS as OPTOFORCE_COUNTS
@@ -84,18 +91,18 @@ _TOOLS: Final = ("pointer", "bone")
 
 def _ndi(server: Any) -> Truth:
     tracker = server.device
-    tracks = tracker._mode == "tracking"
+    if tracker._mode != "tracking":
+        return {f"{name}.measured_cp": Missing() for name in _TOOLS}
     hidden = tracker._faults.get("hide", {"tool": None})["tool"]
-    truth: dict[str, tuple[float, ...] | None] = {}
+    truth: dict[str, Numbers | Missing] = {}
     for tool, name in enumerate(_TOOLS):
-        numbers = None
-        if tracks and hidden not in (tool, -1):
-            frame = (time.monotonic() - tracker._origin) * tracker.family.rate
-            at = place(tracker.family, tracker._motion, tool, frame)
-            sign = -1.0 if at.q0 < 0.0 else 1.0
-            turned = (sign * part for part in (at.qx, at.qy, at.qz, at.q0))
-            numbers = (1e-3 * at.x, 1e-3 * at.y, 1e-3 * at.z, *turned)
-        truth[f"{name}.measured_cp"] = numbers
+        frame = (time.monotonic() - tracker._origin) * tracker.family.rate
+        at = place(tracker.family, tracker._motion, tool, frame)
+        sign = -1.0 if at.q0 < 0.0 else 1.0
+        turned = (sign * part for part in (at.qx, at.qy, at.qz, at.q0))
+        numbers = (1e-3 * at.x, 1e-3 * at.y, 1e-3 * at.z, *turned)
+        is_seen = hidden not in (tool, -1)
+        truth[f"{name}.measured_cp"] = numbers if is_seen else Missing(numbers)
     return truth
 
 

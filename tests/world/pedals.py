@@ -12,7 +12,6 @@ from typing import Any, Final
 
 from typing_extensions import override
 
-from crtk_drivers.errors import CrtkError
 from crtk_drivers.samples import Joy
 from crtk_drivers.testing.world.instrument import History
 from crtk_drivers.testing.world.subject import PERIOD, Installed, Setting

@@ -37,6 +37,9 @@ KEPT: Final[dict[Case, str]] = {
     Case("ndi", "watch", 1796089132): (
         "A question that was held back before the tracker's clock was known made a stamp early."
     ),
+    Case("ndi", "watch", 1796093968113): (
+        "A frame from before a tool was shown again was compared with where that was afterwards."
+    ),
     Case("robotiq-ft300", "watch", 1796089736): (
         "A thread was held up between the two clocks of a stamp."
     ),

@@ -21,13 +21,26 @@ from crtk_drivers.testing.world.subject import PERIOD, Installed, Setting
 from crtk_drivers.testing.world.world import World
 
 _REMEMBERED: Final = 1000
-_UNTOLD: Final = 0.25
+_CALM_SHARE: Final = 0.25
 """Share of the changes after which nothing changes for a while: a bias needs that."""
 _CALM: Final = 1.2
+"""s that this lasts."""
 
 Numbers = tuple[float, ...]
-Truth = Mapping[str, Numbers | None]
-"""What is to be measured, by reading: ``raw/measured_cf``, ``pointer.measured_cp``. None: nothing is."""
+
+
+class Missing(NamedTuple):
+    """There is nothing to be measured now.
+
+    Attributes:
+        numbers: of what is there all the same, and measured once it is seen again; None: nothing is.
+    """
+
+    numbers: Numbers | None = None
+
+
+Truth = Mapping[str, Numbers | Missing]
+"""What is to be measured, by reading: ``raw/measured_cf``, ``pointer.measured_cp``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,14 +110,14 @@ class History:
     """What was so, and since when. It is asked of times that are not far away."""
 
     def __init__(self) -> None:
-        self._entries: deque[tuple[float, Numbers | None]] = deque(maxlen=_REMEMBERED)
+        self._entries: deque[tuple[float, Numbers | Missing]] = deque(maxlen=_REMEMBERED)
 
-    def note(self, now: float, numbers: Numbers | None) -> None:
+    def note(self, now: float, numbers: Numbers | Missing) -> None:
         """Note what is so now."""
         if not self._entries or self._entries[-1][1] != numbers:
             self._entries.append((now, numbers))
 
-    def between(self, begin: float, end: float) -> Iterator[Numbers | None]:
+    def between(self, begin: float, end: float) -> Iterator[Numbers | Missing]:
         """Yield what was so at any time from `begin` to `end` (s), the newest first."""
         for since, numbers in reversed(self._entries):
             if since <= end:
@@ -115,12 +128,12 @@ class History:
     def span(self, begin: float, end: float) -> Span | None:
         """Return between which two numbers it was; None: nobody looked yet."""
         seen = list(self.between(begin, end))
-        known = [numbers for numbers in seen if numbers is not None]
         if not seen:
             return None
-        columns = list(zip(*known, strict=True))
+        places = [each.numbers if isinstance(each, Missing) else each for each in seen]
+        columns = list(zip(*(each for each in places if each is not None), strict=True))
         lower, upper = tuple(map(min, columns)), tuple(map(max, columns))
-        return Span(lower, upper, is_missing=not known)
+        return Span(lower, upper, is_missing=all(isinstance(each, Missing) for each in seen))
 
 
 class Sight(Setting):
@@ -177,7 +190,7 @@ class Sight(Setting):
     def _plan(self) -> None:
         """Let something else act after a while, again and again."""
         draw, usual = self._draw, self.instrument.rest
-        rest = _CALM if draw.random() < _UNTOLD else 2.0 * usual * draw.random()
+        rest = _CALM if draw.random() < _CALM_SHARE else 2.0 * usual * draw.random()
 
         def change() -> None:
             if self.sim.running:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Final, Protocol
 
-from crtk_drivers.testing.world.instrument import BIASED, RAW, ForceSensor, Found, Sight
+from crtk_drivers.testing.world.instrument import BIASED, RAW, ForceSensor, Found, Missing, Sight
 from crtk_drivers.testing.world.judges import CLOCKS, SETTLED, Fresh, Stuck
 from crtk_drivers.testing.world.kernel import EPOCH, NS
 from crtk_drivers.testing.world.subject import PERIOD
@@ -112,7 +112,8 @@ class Tared:
             return None
         at = found.stamp.monotonic
         span = sight.was(RAW, at - instrument.early, min(sight.now, at + instrument.late))
-        biases = [each for each in sight.biases.between(at - PERIOD, sight.now) if each is not None]
+        known = sight.biases.between(at - PERIOD, sight.now)
+        biases = [each for each in known if not isinstance(each, Missing)]
         if span is None or not biases or span.is_missing:
             return None
         for bias in biases:
