@@ -47,6 +47,9 @@ KEPT: Final[dict[Case, str]] = {
         "A load and the zero of the unit changed between two looks of the judge."
     ),
     Case("schunk-fts", "watch", 1796089125): "Two loads changed between two looks of the judge.",
+    Case("ati-netft", "watch", 1796116054784): (
+        "The wall clock was set while datagrams waited; they were stamped with when they were read."
+    ),
 }
 """Every case that ever failed, and what was wrong."""
 

@@ -56,6 +56,7 @@ class _Arrivals:
     def __init__(self) -> None:
         self._wall_clock = WallClock()
         self._offset: int | None = None
+        self._looked = 0.0
 
     def of(self, wall_ns: NDArray[np.int64], count: int) -> NDArray[np.float64]:
         """Return when so many datagrams arrived (count,), monotonic s.
@@ -67,13 +68,28 @@ class _Arrivals:
         offset = self._wall_clock.offset()
         now = time.monotonic()
         before, self._offset = self._offset, offset
-        was_set = before is not None and abs(offset - before) > _CLOCK_STEP * 1e9
-        if was_set or len(wall_ns) < count:
+        looked, self._looked = self._looked, now
+        if len(wall_ns) < count:
             return np.full(count, now)
-        arrivals: NDArray[np.float64] = np.multiply(wall_ns - offset, 1e-9, dtype=np.float64)
+        arrivals = _monotonic(wall_ns, offset)
+        if before is not None and abs(offset - before) > _CLOCK_STEP * 1e9:
+            # The clock was set: some may have been stamped before, and some after.
+            arrivals = _earliest_between(looked, now, arrivals, _monotonic(wall_ns, before))
         if arrivals[0] > arrivals[-1] or arrivals[-1] > now:
             arrivals = np.maximum.accumulate(np.minimum(arrivals, now))
         return arrivals
+
+
+def _monotonic(wall_ns: NDArray[np.int64], offset: int) -> NDArray[np.float64]:
+    """Return the monotonic s of stamps of a wall clock that is `offset` ns ahead."""
+    return np.multiply(wall_ns - offset, 1e-9, dtype=np.float64)
+
+
+def _earliest_between(begin: float, end: float, *times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the earliest of several times (n,) each, of those from `begin` to `end`; `end` if none is."""
+    possible = [np.where((each >= begin) & (each <= end), each, end) for each in times]
+    found: NDArray[np.float64] = np.minimum.reduce(possible)
+    return found
 
 
 class Receiver(Protocol):

@@ -22,6 +22,7 @@ from crtk_drivers.kit.sensing.datagrams import (
     BatchReceiver,
     Datagrams,
     PlainReceiver,
+    _Arrivals,
     ask_for_buffer,
     receiver_for,
 )
@@ -156,11 +157,25 @@ def test_a_wall_clock_that_is_set_does_not_move_the_arrivals(monkeypatch, shift)
         assert receiver.receive() is not None
         shifted = WallClock(wall=lambda: time.time_ns() + shift * 10**9)
         monkeypatch.setattr(receiver._arrivals, "_wall_clock", shifted)
-        there.sendto(b"x", here.getsockname())
         before = time.monotonic()
+        there.sendto(b"x", here.getsockname())
         found = receiver.receive()
     assert found is not None
     assert before <= found.arrivals[0] <= time.monotonic()
+
+
+@pytest.mark.parametrize("shift", [2.0, 3600.0, -2.0, -3600.0])
+def test_what_waits_while_the_wall_clock_is_set_keeps_its_age(monkeypatch, shift) -> None:
+    arrivals = _Arrivals()
+    arrivals.of(np.array([time.time_ns()]), 1)
+    monkeypatch.setattr(arrivals, "_looked", time.monotonic() - 1.8)
+    shifted = WallClock(wall=lambda: time.time_ns() + int(shift * 1e9))
+    monkeypatch.setattr(arrivals, "_wall_clock", shifted)
+    ages = np.array([1.5, 1.0, 0.5, 0.1])
+    now, wall = time.monotonic(), time.time_ns()
+    stamps = wall - ages * 1e9 + np.array([0.0, 0.0, shift, shift]) * 1e9
+    found = arrivals.of(stamps.astype(np.int64), len(ages))
+    assert now - found == pytest.approx(ages, abs=0.05)
 
 
 def test_the_receive_buffer_is_what_the_kernel_granted() -> None:
