@@ -32,8 +32,18 @@ def sim() -> Iterator[RunningSim]:
 def line(sim: RunningSim) -> Iterator[socket.socket]:
     with socket.create_connection((sim.host, sim.ports["tool"]), timeout=LONG) as opened:
         yield opened
-        opened.sendall(STOP)
-    eventually(lambda: not sim.control.status()["streams"], "quiet")
+        stop(sim, opened)
+
+
+def stop(sim: RunningSim, line: socket.socket) -> None:
+    """End the stream, and take what was on its way, which would come to the next client."""
+    line.sendall(STOP)
+    eventually(lambda: not sim.control.status()["streams"], "stopped")
+    line.settimeout(0.1)
+    with contextlib.suppress(TimeoutError):
+        while line.recv(1000):
+            pass
+    line.settimeout(LONG)
 
 
 def received(line: socket.socket, count: int) -> bytes:
@@ -66,13 +76,7 @@ def test_while_it_streams_it_answers_nothing_else(sim: RunningSim, line: socket.
 def test_after_it_registers_are_read_again(sim: RunningSim, line: socket.socket) -> None:
     line.sendall(START)
     assert received(line, 8) == STARTED
-    line.sendall(STOP)
-    eventually(lambda: not sim.control.status()["streams"], "stopped")
-    line.settimeout(0.1)
-    with contextlib.suppress(TimeoutError):
-        while line.recv(1000):
-            pass
-    line.settimeout(LONG)
+    stop(sim, line)
     line.sendall(READ)
     answer = received(line, 17)
     assert struct.unpack(">6h", answer[3:15]) == (1000, -2000, 3000, 1000, -2000, 500)
