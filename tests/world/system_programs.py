@@ -821,6 +821,7 @@ def udp_closed_with_data() -> Any:
 def names_of_hosts() -> Any:
     found = [socket.gethostbyname(each) for each in (LOCAL, "localhost", "10.1.2.3", "")]
     found.append(socket.gethostbyname("0.0.0.0"))
+    found.append(socket.gethostbyaddr("127.0.0.1")[0])
     asked = (
         (LOCAL, 80, socket.AF_INET, socket.SOCK_STREAM),
         ("localhost", 80, socket.AF_INET, socket.SOCK_STREAM),
@@ -2169,6 +2170,7 @@ def process_stopped() -> Any:
     with _telling(program) as (child, reading, writing):
         os.write(writing, b"a")
         found = [_plain(os.read(reading, 9))]
+        child.send_signal(signal.SIGSTOP)
         child.send_signal(signal.SIGSTOP)
         time.sleep(MOMENT)
         os.write(writing, b"b")

@@ -29,7 +29,7 @@ TOLD = {
     "lines": "a terminal that edits lines",
     "an echo": "a terminal that edits lines or echoes",
     "VMIN 5": "a terminal with VMIN 5",
-    "a name": "_socket.gethostbyaddr",
+    "a name": "_socket.gethostbyname_ex",
 }
 
 

@@ -78,6 +78,7 @@ class Process:
         delayed: signals that came meanwhile.
         is_reaped: its parent knows how it has ended, and nobody finds it any more.
         at_exit: what `atexit` was given.
+        standard: its ``sys.stdin``, ``sys.stdout`` and ``sys.stderr``.
     """
 
     def __init__(self, pid: int, name: str, argv: Iterable[str] = ()) -> None:
@@ -97,6 +98,7 @@ class Process:
         self.is_stopped = self.is_reaped = False
         self.delayed: list[int] = []
         self.at_exit: list[Callable[[], object]] = []
+        self.standard = sys.stdin, sys.stdout, sys.stderr
 
     @property
     def alive(self) -> bool:
@@ -209,6 +211,10 @@ class Kernel:
             self.now += READ_COST
             self.preempt()
         return self.now
+
+    def allow(self, seconds: float) -> None:
+        """Let the world go on for so many seconds from now, and no longer."""
+        self._horizon = self.now + int(seconds * NS)
 
     def deadline(self, timeout: float | None) -> int | None:
         """Return when a timeout (s) is over, in ns; None if it never is."""
@@ -386,12 +392,21 @@ class Kernel:
         if following is None:
             self._done.release()
         else:
-            if self.current is None or self.current.process is not following.process:
+            if self.current is None:
                 sys.argv = following.process.argv
+            elif self.current.process is not following.process:
+                self._switch(self.current.process, following.process)
             self.current = following
             following.gate.release()
         if task is not None:
             task.gate.acquire()
+
+    @staticmethod
+    def _switch(before: Process, after: Process) -> None:
+        """Let `sys` have what differs between processes."""
+        before.standard = sys.stdin, sys.stdout, sys.stderr
+        sys.stdin, sys.stdout, sys.stderr = after.standard
+        sys.argv = after.argv
 
     def _choose(self) -> Task | None:
         """Return the next task; time goes on to the next event as often as none can run."""
@@ -492,9 +507,15 @@ def _nothing() -> None:
 
 
 class _Running:
-    """The kernel of the world that this process is; None before it has begun."""
+    """What this process is to worlds.
+
+    Attributes:
+        kernel: of the world that it is; None before that has begun.
+        patched: whether its standard library is that of worlds.
+    """
 
     kernel: Kernel | None = None
+    patched = False
 
 
 running = _Running()

@@ -88,6 +88,7 @@ _SOCKETS: Final[dict[str, Any]] = {
     "dup": files.dup,
     "getaddrinfo": world_sockets.getaddrinfo,
     "gethostbyname": world_sockets.gethostbyname,
+    "gethostbyaddr": world_sockets.gethostbyaddr,
     "getnameinfo": world_sockets.getnameinfo,
     "getdefaulttimeout": world_sockets.getdefaulttimeout,
     "setdefaulttimeout": world_sockets.setdefaulttimeout,
@@ -101,7 +102,7 @@ _REFUSED: Final = {
         "alarm setitimer pthread_kill pthread_sigmask sigwait sigwaitinfo sigtimedwait pause "
         "siginterrupt pidfd_send_signal"
     ),
-    "_socket": "gethostbyname_ex gethostbyaddr",
+    "_socket": "gethostbyname_ex",
 }
 _REFUSED_OF_DESCRIPTORS: Final = (
     "readv writev pread pwrite preadv pwritev ftruncate fsync fchmod fchown"
@@ -117,6 +118,7 @@ def install() -> None:
     """
     if early := [name for name in _TOO_LATE if name in sys.modules]:
         raise RuntimeError(f"a world is installed before these are imported: {', '.join(early)}")
+    running.patched = True
     for module, new in (
         (_thread, _THREADS),
         (time, _CLOCKS),
@@ -264,8 +266,7 @@ def _put_processes() -> None:
         },
     )
     _put(atexit, {"register": processes.at_exit, "unregister": processes.not_at_exit})
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
-        setattr(sys, name, processes.Standard(number))
+    sys.stdin, sys.stdout, sys.stderr = processes.standard
 
 
 def _ioctl(descriptor: int, request: int, argument: Any = 0, mutate: bool = True) -> Any:

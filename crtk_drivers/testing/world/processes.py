@@ -66,6 +66,7 @@ class Popen(subprocess.Popen[Any]):
         kernel = here()
         child = kernel.add_process(argv[0], argv)
         child.parent = kernel.process
+        child.standard = standard
         child.handlers.update(
             {n: each for n, each in kernel.process.handlers.items() if each == signal.SIG_IGN}
         )
@@ -240,6 +241,10 @@ class Standard:
         return own[number]
 
 
+standard: Final[Any] = tuple(map(Standard, range(3)))
+"""What `sys` has of a process that replaces nothing."""
+
+
 def at_exit(function: Callable[..., Any], *args: Any, **more: Any) -> Callable[..., Any]:
     """As `atexit.register`, for this process; what is registered before the world begins is dropped."""
     if running.kernel is not None:
@@ -272,7 +277,8 @@ def send_signal(process: Process, number: int) -> None:
     if not process.alive or not number:
         return
     if process.is_stopped and number not in (signal.SIGKILL, signal.SIGCONT):
-        process.delayed.append(number)
+        if number != signal.SIGSTOP:
+            process.delayed.append(number)
         return
     handler = _handler(process, number)
     if number == signal.SIGKILL or (handler == signal.SIG_DFL and number not in _SPARED):
@@ -377,7 +383,6 @@ def getpid() -> int:
 
 __all__ = [
     "Popen",
-    "Standard",
     "at_exit",
     "be_main_thread",
     "count_threads",
@@ -391,5 +396,6 @@ __all__ = [
     "run_main",
     "set_handler",
     "set_wakeup_fd",
+    "standard",
     "threads",
 ]

@@ -428,6 +428,17 @@ def gethostbyname(name: str) -> str:
     return resolved(name)
 
 
+_HOST_NOT_FOUND: Final = 1
+
+
+def gethostbyaddr(name: str) -> tuple[str, list[str], list[str]]:
+    """As `_socket.gethostbyaddr`, of a machine that knows no name but its own."""
+    address = resolved(name)
+    if address != "127.0.0.1":
+        raise constants.herror(_HOST_NOT_FOUND, "Unknown host")
+    return "localhost", [], [address]
+
+
 def getnameinfo(address: Address, flags: int) -> tuple[str, str]:
     """As `_socket.getnameinfo`, in numbers."""
     numbers = constants.NI_NUMERICHOST | constants.NI_NUMERICSERV
