@@ -1,131 +1,36 @@
-"""Runs worlds, each in a child of one process that has imported what they need, patched, once.
+"""Runs worlds whose scenarios are in a file.
 
 ``python -m crtk_drivers.testing.world.world_host FILE [MODULE ...]``: FILE has scenarios at its top level.
-The MODULEs are imported before it.
-Each line of standard input is a request, and each line of standard output its answer, both in JSON. The child
-reads its request after the fork, so that every child begins with the same memory.
+The MODULEs are imported before it. Each request names one of them, its seed and its options.
 """
 
 from __future__ import annotations
 
-import ctypes
-import faulthandler
-import gc
 import importlib
 import importlib.util
 import inspect
 import json
 import os
-import select
-import shutil
-import signal
 import sys
 import tempfile
-import traceback
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from crtk_drivers.testing.world import patches
+from crtk_drivers.testing.world import forking
+from crtk_drivers.testing.world.forking import Asked, RefusedError
 
-AGAIN: Final = "--addresses-fixed"
 NAME: Final = "crtk_world_scenarios"
-HANG_SIGNAL: Final = signal.SIGUSR2
-"""At it, a world writes where each of its threads is."""
-HANG_FILE: Final = "where_it_hangs.txt"
-"""What it writes then, beside the folder in which it runs."""
-_ADDR_NO_RANDOMIZE: Final = 0x0040000
 _HERE: Final = "/proc/self/cwd"
-
-# Before they are patched.
-_poll, _read, _write, _pipe, _close, _fork, _waitpid, _kill, _exit = (
-    select.poll,
-    os.read,
-    os.write,
-    os.pipe,
-    os.close,
-    os.fork,
-    os.waitpid,
-    os.kill,
-    os._exit,
-)
-
-
-class RefusedError(Exception):
-    """A request cannot be carried out; the text says why."""
 
 
 def main() -> None:
-    """Answer requests until the end of the input."""
-    if AGAIN not in sys.argv:
-        _fix_addresses()
-    arguments = [each for each in sys.argv[1:] if each != AGAIN]
-    requests, answers = os.dup(0), os.dup(1)
-    signal.signal(
-        HANG_SIGNAL, signal.SIG_IGN
-    )  # it is for the child, and comes to the whole session
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)  # input() of a scenario ends at once, and takes no request
-    os.close(nothing)
-    os.dup2(2, 1)
-    patches.install()
-    for name in arguments[1:]:
+    """Answer requests until whoever asks has gone."""
+    asked, (file, *modules) = forking.begin()
+    for name in modules:
         importlib.import_module(name)
-    scenarios = _load(Path(arguments[0]))
-    poll = _poll()
-    poll.register(requests, select.POLLIN)
-    while True:
-        if not poll.poll()[0][1] & select.POLLIN:
-            return
-        folder = tempfile.mkdtemp(prefix=folder_prefix(os.getpid()))
-        # Every child begins with the same counts, and never looks through what is imported here.
-        gc.collect()
-        gc.freeze()
-        life, held = _pipe()
-        child = _fork()
-        if child == 0:
-            _be_child(scenarios, requests, answers, folder)  # the end `held` closes when it ends
-        _close(held)
-        status = _await(child, life, requests)
-        _close(life)
-        shutil.rmtree(folder, ignore_errors=True)
-        if status is None:
-            return
-        if status:
-            code = os.waitstatus_to_exitcode(status)
-            how = f"exit code {code}" if code >= 0 else signal.Signals(-code).name
-            _answer(answers, {"error": f"the process of a world has ended: {how}"})
-
-
-def folder_prefix(pid: int) -> str:
-    """Return how the names of the folders begin in which the worlds of a host run."""
-    return f"crtk-world-{pid}-"
-
-
-def _await(child: int, life: int, requests: int) -> int | None:
-    """Return the status of a world that has ended; None if whoever asked for it has gone.
-
-    Such a world is killed: it may compute for ever.
-
-    Args:
-        child: its process.
-        life: a pipe that only this process holds open.
-        requests: the pipe of whoever asks.
-    """
-    poll = _poll()
-    poll.register(life, 0)  # tells a hang-up only
-    poll.register(requests, 0)
-    is_alone = requests in [descriptor for descriptor, _ in poll.poll()]
-    if is_alone:
-        _kill(child, signal.SIGKILL)
-    _, status = _waitpid(child, 0)
-    return None if is_alone else status
-
-
-def _fix_addresses() -> None:
-    """Start anew without random addresses, so that sets of objects have the same order in each run."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).personality(_ADDR_NO_RANDOMIZE)  # where it is forbidden, they stay random
-    os.execv(sys.executable, [sys.executable, "-m", __spec__.name, *sys.argv[1:], AGAIN])
+    scenarios = _load(Path(file))
+    forking.serve(asked, partial(_be_world, asked, scenarios))
 
 
 def _load(file: Path) -> Any:
@@ -139,31 +44,15 @@ def _load(file: Path) -> Any:
     return module
 
 
-def _be_child(scenarios: Any, requests: int, answers: int, folder: str) -> None:
-    try:
-        line = _read_line(requests)
-        dump = Path(folder, HANG_FILE).open("w")  # noqa: SIM115 - for its life
-        faulthandler.register(HANG_SIGNAL, dump)
-        (inside := Path(folder, "world")).mkdir()
-        os.chdir(inside)
-        if Path(_HERE).exists():  # the same name in each child, for a folder of its own
-            tempfile.tempdir = _HERE
-        _answer(answers, _run(scenarios, json.loads(line)))
-    except RefusedError as error:
-        _answer(answers, {"error": str(error)})
-    except BaseException:
-        _answer(answers, {"error": traceback.format_exc()})
-    _exit(0)
-
-
-def _read_line(requests: int) -> bytes:
-    data = bytearray()
-    while not data.endswith(b"\n"):
-        piece = _read(requests, 1)  # no more of the next request
-        if not piece:
-            break
-        data += piece
-    return bytes(data)
+def _be_world(asked: Asked, scenarios: Any, folder: Path) -> None:
+    request = asked.request()
+    if request is None:
+        return
+    (inside := Path(folder, "world")).mkdir()
+    os.chdir(inside)
+    if Path(_HERE).exists():  # the same name in each child, for a folder of its own
+        tempfile.tempdir = _HERE
+    asked.answer(_run(scenarios, request))
 
 
 def _run(scenarios: Any, request: dict[str, Any]) -> dict[str, Any]:
@@ -194,12 +83,6 @@ def _run(scenarios: Any, request: dict[str, Any]) -> dict[str, Any]:
     if log and world.kernel.log is not None:
         Path(log).write_text("\n".join(world.kernel.log) + "\n")
     return outcome.to_json()
-
-
-def _answer(answers: int, found: dict[str, Any]) -> None:
-    data = json.dumps(found).encode() + b"\n"
-    while data:
-        data = data[_write(answers, data) :]
 
 
 if __name__ == "__main__":
