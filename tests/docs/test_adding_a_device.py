@@ -31,7 +31,7 @@ def test_an_excerpt_is_in_its_file(path: str, code: str) -> None:
 
 def test_every_block_of_code_is_an_excerpt() -> None:
     assert len(EXCERPTS) == len(BLOCK.findall(PAGE.read_text())) > 8
-    assert len(WORLD_EXCERPTS) == 5
+    assert len(WORLD_EXCERPTS) == 6
 
 
 def test_an_excerpt_that_was_changed_is_found_out() -> None:

@@ -547,8 +547,9 @@ import sys
 import pytest
 
 def test_nothing_is_imported():
-    loaded = {name for name in sys.modules if name.startswith("crtk_drivers")}
-    assert loaded == {"crtk_drivers", "crtk_drivers.testing", "crtk_drivers.testing.lab_tests"}
+    loaded = {name for name in sys.modules if name.startswith("crtk_drivers.")}
+    testing = "testing", "testing.lab_tests", "testing.world", "testing.world.pytest_worlds"
+    assert loaded == {f"crtk_drivers.{name}" for name in testing}
 
 @pytest.mark.needs("nothing")
 def test_nothing_is_skipped():

@@ -10,17 +10,22 @@ user       scenarios for a subject: what users do
 Instrument a device that measures, whose truth is known; ForceSensor: one that measures forces
 Haptic     a haptic device whose force is known
 instrument_user, pusher    scenarios for these
+is_here    whether this process runs worlds: for a conftest.py
+
+Tests marked ``@pytest.mark.world`` run in worlds as they are: `pytest_worlds`.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from crtk_drivers.testing.world import instrument_user, pusher, user
+    from crtk_drivers.testing.world.host_process import WorldError
     from crtk_drivers.testing.world.instrument import ForceSensor, Instrument
     from crtk_drivers.testing.world.kernel import NotSimulated
     from crtk_drivers.testing.world.pusher import Haptic
-    from crtk_drivers.testing.world.runner import Host, WorldError, run, search, shrink
+    from crtk_drivers.testing.world.runner import Host, run, search, shrink
     from crtk_drivers.testing.world.subject import Subject
     from crtk_drivers.testing.world.world import World
     from crtk_drivers.testing.world.world_outcome import Finding, Outcome
@@ -37,6 +42,7 @@ __all__ = [
     "World",
     "WorldError",
     "instrument_user",
+    "is_here",
     "pusher",
     "run",
     "search",
@@ -55,11 +61,17 @@ _MODULES = {
     "Outcome": "world_outcome",
     "Subject": "subject",
     "World": "world",
-    "WorldError": "runner",
+    "WorldError": "host_process",
     "run": "runner",
     "search": "runner",
     "shrink": "runner",
 }
+
+
+def is_here() -> bool:
+    """Return whether this process is that of worlds, or will be: no system call reaches this machine."""
+    kernel = sys.modules.get(f"{__name__}.kernel")
+    return kernel is not None and kernel.running.patched
 
 
 def __getattr__(name: str) -> Any:
