@@ -28,6 +28,7 @@ from crtk_drivers.errors import MissingExtra, wording
 from crtk_drivers.front import base
 from crtk_drivers.kit import child_process
 from crtk_drivers.ros import environment
+from crtk_drivers.testing import world
 from crtk_sim_backends import process
 from rigs import examples, failures, programs, scheduling, spent, warm_start
 from rigs.proof_table import proof_table
@@ -120,6 +121,9 @@ if not HAVE_ROS:
 @pytest.fixture(scope="session", autouse=True)
 def warm_simulators() -> Iterator[None]:
     """Fork simulators, and processes of drivers, but for tests that use `cold_start`."""
+    if world.is_here():
+        yield
+        return
     server = warm_start.server()
     with (
         patch.object(process, "_start", server.start),
@@ -208,7 +212,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     if call.excinfo is not None:
         item.config.hook.pytest_timeout_cancel_timer(item=item)
     if call.when == "teardown":
-        item.user_properties.append((spent.CPU, spent.cpu() - item.stash[BEGAN]))
+        item.user_properties.append((spent.CPU, spent.cpu() - item.stash.get(BEGAN, 0.0)))
 
 
 AFTER_ITS_TIME = 60.0
@@ -315,8 +319,8 @@ def pytest_collection(session: pytest.Session) -> Generator[None, object, object
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give time to what computes, in workers that get what others leave; let some cases be quick.
 
-    Of a sweep that is one in `every`, and not the same in all functions of a file; of what waits in real
-    time for long, one in `scheduling.EVERY`; of a class with a set `quick`, those that are in it.
+    Of a sweep that is one in `every`, and not the same in all functions of a file; of what takes long, one in
+    `scheduling.EVERY`; of a class with a set `quick`, those that are in it.
     """
     sweeps: dict[str, list[tuple[pytest.Item, int]]] = {}
     for item in items:
@@ -324,12 +328,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if not HAVE_UR_RTDE and "ur_rtde" in name.partition("[")[2]:
             item.add_marker(pytest.mark.skip("ur-rtde is not installed"))
         marks = {mark.name: mark for mark in reversed(list(item.iter_markers()))}
+        if scheduling.is_of_a_world(name) and "real_time" not in marks:
+            item.add_marker(pytest.mark.world)
         if scheduling.computes(name) and "timeout" not in marks:
             item.add_marker(pytest.mark.timeout(scheduling.LONGEST_COMPUTATION))
         quick = getattr(getattr(item, "cls", None), "quick", None)
         if quick is not None and item.name.partition("[")[0] not in quick:
             item.add_marker("slow")
-        elif "slow" not in marks and ("sweep" in marks or scheduling.waits_long(name)):
+        elif "slow" not in marks and ("sweep" in marks or scheduling.takes_long(name)):
             # What is slow anyway is not the quick one of its function.
             every = marks["sweep"].args[0] if "sweep" in marks else scheduling.EVERY
             sweeps.setdefault(name.partition("[")[0], []).append((item, every))

@@ -266,6 +266,7 @@ def test_socketcand_messages():
     assert frame_message(frames.pack(0x1 | frames.REMOTE), 2.0) == b""
 
 
+@pytest.mark.real_time  # how much fits in a socket is up to Linux
 def test_a_client_that_does_not_read_loses_frames_and_nobody_else_does(sim, witnesses):
     one, other = witnesses
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as lazy:

@@ -13,7 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from enum import StrEnum
+from enum import Enum, StrEnum
 from functools import cache
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -61,14 +61,28 @@ COMPUTING = {
 }
 """Folders and files whose tests need no process to be in time, with about how many seconds one takes."""
 
+WORLDS = {
+    "all_devices": 0.15,
+    "can_hub": 0.02,
+    "engine": 0.02,
+    "faults": 0.15,
+    "grippers": 0.1,
+    "virtual": 0.08,
+    "wire": 0.1,
+}
+"""Folders whose tests run on a simulated machine, in virtual time, with the seconds that one computes."""
+
 WAITING = {
-    "all_devices": 1.3,
-    "can_hub": 0.1,
-    "engine": 0.1,
-    "faults": 1.0,
+    "ati_netft/wire/test_stream.py": 0.1,  # the system stamps what it receives
+    "force_dimension/faults": 1.0,  # its library talks to the simulator by itself
+    "force_dimension/wire": 1.0,
     "labs": 0.3,
     "front": 0.1,
+    "openhaptics/wire": 1.0,  # as that of Force Dimension
     "ros": 0.7,
+    "ros2_control/faults": 1.0,  # its device is rclpy's
+    "ros2_control/wire": 0.5,
+    "ur/wire/test_control_process.py": 0.5,  # through the vendor's library
     "sim": 0.1,
     "sims": 0.3,
     "test_bench.py": 1.5,
@@ -77,23 +91,22 @@ WAITING = {
     "test_bench_forces.py": 3.5,
     "test_bench_links.py": 3.5,
     "test_bench_parts.py": 3.0,
+    "test_contract.py": 0.3,
     "test_contract_loopback.py": 0.2,
     "test_examining.py": 8.0,
     "test_examples.py": 3.0,
     "test_lab_tests.py": 1.5,
-    "test_matrix.py": 1.3,
     "test_own_drivers.py": 12.0,
-    "virtual": 0.2,
-    "wire": 0.5,
 }
-"""Folders whose tests talk to simulators, or step an arm, in real time, likewise."""
+"""Folders whose tests talk to simulators, or step an arm, in real time, likewise. The contract of all devices
+is among them: each driver proves by it that the simulated machine is like a real one."""
 
 LENIENT = frozenset({"client", "node", "teleop", "test_contract_loopback.py", "test_lab_tests.py"})
 """Folders and files of `WAITING` that a worker which computes may run too. Almost all of their devices are
 loopbacks, which wait for nobody, and each of their waits has a minute."""
 
-LONG_WAIT = 0.3
-"""Seconds from which on a test that waits is quick in some of its cases only."""
+LONG_WAIT, LONG_WORLD = 0.3, 0.1
+"""Seconds from which on a test that waits, or computes a world, is quick in some of its cases only."""
 
 EVERY = 3
 """One in so many cases of such a test is quick, if it does not say itself."""
@@ -101,6 +114,9 @@ EVERY = 3
 ALONE = ("ur_rtde", "test_examining")
 """In the names of tests of which one of a sort runs at a time: the vendor library streams 500 times a second
 and has no priority over others, so that it is the first to be late; a device of rclpy takes half a core."""
+
+NOT_OF_A_WORLD = ("force-dimension", "openhaptics", "ros2-control", "ur_rtde")
+"""In the names of tests whose driver has a C library that does I/O by itself."""
 
 LONGEST_COMPUTATION = 240.0
 """Seconds that a test may take which computes."""
@@ -289,23 +305,42 @@ def _file(name: str) -> str:
     return name.partition("::")[0]
 
 
-def _found(name: str) -> tuple[bool, float]:
+class Kind(Enum):
+    """What the processor of a test's worker is needed for."""
+
+    COMPUTES = "computes"
+    WAITS = "waits for what runs in real time"
+    WORLD = "computes a simulated machine"
+
+
+_TABLES = {Kind.COMPUTES: COMPUTING, Kind.WAITS: WAITING, Kind.WORLD: WORLDS}
+
+
+def _found(name: str) -> tuple[Kind, float]:
     return _told_of(_file(name))
 
 
 @cache
-def _told_of(file: str) -> tuple[bool, float]:
-    """Whether a file computes and how long a test takes, as the tables say of it or the nearest folder."""
-    for part in reversed(PurePosixPath(file).parts):
-        for table in (COMPUTING, WAITING):
-            if part in table:
-                return table is COMPUTING, table[part]
-    return False, 0.3
+def _told_of(file: str) -> tuple[Kind, float]:
+    """Return what a file's tests do and how long one takes, as a table has it for the nearest folder."""
+    parts = PurePosixPath(file).parts
+    for number in range(len(parts) - 1, -1, -1):
+        begins = range(max(0, number - 2), number + 1)
+        for name in ("/".join(parts[begin : number + 1]) for begin in begins):
+            for kind, table in _TABLES.items():
+                if name in table:
+                    return kind, table[name]
+    return Kind.WAITS, 0.3
+
+
+def is_of_a_world(name: str) -> bool:
+    """Whether a test runs on a simulated machine."""
+    return _found(name)[0] is Kind.WORLD and not any(each in name for each in NOT_OF_A_WORLD)
 
 
 def computes(name: str) -> bool:
     """Whether a test, a file or a piece of it is a matter of computing only."""
-    return _found(name)[0]
+    return _found(name)[0] is Kind.COMPUTES or is_of_a_world(name)
 
 
 def is_lenient(name: str) -> bool:
@@ -313,9 +348,12 @@ def is_lenient(name: str) -> bool:
     return not LENIENT.isdisjoint(PurePosixPath(_file(name)).parts)
 
 
-def waits_long(name: str) -> bool:
-    """Whether a test takes its time because it keeps real time."""
-    return not computes(name) and seconds(name) >= LONG_WAIT
+def takes_long(name: str) -> bool:
+    """Whether a test is one of those that are quick in some of their cases only."""
+    kind, seconds = _found(name)
+    return (kind is Kind.WAITS and seconds >= LONG_WAIT) or (
+        kind is Kind.WORLD and seconds >= LONG_WORLD
+    )
 
 
 @cache

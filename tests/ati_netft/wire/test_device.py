@@ -629,6 +629,7 @@ def test_a_low_pass_may_take_its_place(make, peer) -> None:
     eventually(is_known, "its delay")
 
 
+@pytest.mark.real_time  # a world may change the order of datagrams
 def test_every_measurement_reaches_programs_in_the_same_process(rig, peer) -> None:
     seen: list[np.ndarray] = []
     rig.device.add_listener(seen.append)

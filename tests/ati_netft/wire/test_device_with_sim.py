@@ -243,6 +243,7 @@ def test_info_at_a_simulator_from_the_command_line() -> None:
     assert "ATI Net F/T (simulated)" in out
 
 
+@pytest.mark.real_time  # reads what a command prints
 def test_the_simulator_alone_from_the_command_line() -> None:
     ports = ["--rdt-port", "0", "--tcp-port", "0", "--http-port", "0"]
     with run("sim", "ati-netft", "--preset", "nano17", *ports) as child:

@@ -145,6 +145,7 @@ def command(peer, tmp_path) -> Iterator[Process]:
         process.kill()
 
 
+@pytest.mark.real_time  # reads what a command prints
 def test_it_goes_on_after_a_lost_link_and_is_whole_after_ctrl_c(peer, tmp_path, command) -> None:
     out = tmp_path / "load.ftrec"
 

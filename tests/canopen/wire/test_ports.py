@@ -214,6 +214,7 @@ def test_a_socket_sends_frame_by_frame(sockets: tuple[socket.socket, socket.sock
     assert [unpack(far.recv(100)) for _ in FRAMES] == list(FRAMES)
 
 
+@pytest.mark.real_time  # the kernel stamps what it receives
 def test_a_socket_receives_with_the_time_of_the_kernel(
     sockets: tuple[socket.socket, socket.socket],
 ) -> None:

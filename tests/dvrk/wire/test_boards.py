@@ -5,12 +5,15 @@ from __future__ import annotations
 import socket
 import time
 
+import pytest
+
 from crtk_driver_dvrk.boards import Boards
 from rigs.waiting import LONG
 
 FLOOD = 100
 
 
+@pytest.mark.real_time  # how much fits in a socket is up to Linux
 def test_a_flood_keeps_no_answer_from_its_deadline() -> None:
     """What is there when the time is over is looked at, but not all that somebody goes on sending."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:

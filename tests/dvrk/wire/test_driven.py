@@ -202,6 +202,7 @@ def test_encoders_that_nobody_has_set_are_no_place_to_drive_from(other_sim: Runn
     assert is_dead(other_sim)
 
 
+@pytest.mark.real_time  # its loop takes no time in a world
 def test_encoders_are_not_set_before_boards_have_told_their_state(other_sim: RunningSim) -> None:
     """It is asked for as soon as there is a connection: whether there is power is not known yet."""
     device = PLUGIN.create(configuration(other_sim, **DRIVEN))

@@ -545,6 +545,7 @@ def goal_times(bench, mark):
     ]
 
 
+@pytest.mark.real_time  # who has a port open is looked up in /proc
 def test_f20_a_second_driver_in_this_process(bench):
     with driver_at(bench.sim, VALUES, start=False) as second, bench.nothing_moves():
         second.session.start()

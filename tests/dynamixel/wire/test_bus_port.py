@@ -76,6 +76,7 @@ def test_a_last_look_after_the_deadline(terminal):
         assert port.read(time.monotonic() - 1.0) == b"in time"
 
 
+@pytest.mark.real_time  # measures the processor
 def test_waiting_costs_no_cpu(terminal):
     with SerialPort(terminal.name) as port:
         before = time.thread_time()
@@ -121,6 +122,7 @@ def test_an_adapter_that_takes_nothing(terminal):
         port.write(bytes(1_000_000))
 
 
+@pytest.mark.real_time  # who has a port open is looked up in /proc
 def test_one_process_opens_it_once(terminal):
     with SerialPort(terminal.name), pytest.raises(ConnectionFailed) as caught:
         SerialPort(terminal.name).open()
@@ -138,6 +140,7 @@ with SerialPort(sys.argv[1]):
 """
 
 
+@pytest.mark.real_time  # who has a port open is looked up in /proc
 def test_another_process_is_named(terminal):
     command = [sys.executable, "-c", HOLD, terminal.name]
     with subprocess.Popen(

@@ -266,6 +266,7 @@ def test_endless_noise_ends_in_time():
         assert len(peer.requests) == 1
 
 
+@pytest.mark.real_time  # its noise is made by `cat`
 @pytest.mark.parametrize("ask", ["one", "group"])
 def test_noise_without_a_pause_does_not_keep_the_thread(ask):
     """Whoever looks finds more of it, as from a servo that has lost its rate on a fast line."""

@@ -54,6 +54,7 @@ def peer() -> Iterator[Peer]:
         found.device.close()
 
 
+@pytest.mark.real_time  # who has a port open is looked up in /proc
 def test_a_second_driver_of_this_machine_is_refused_before_it_sends_anything(peer: Peer) -> None:
     second = RavenDevice(RavenConfig(host=peer.device.address.split(":")[0], port=peer.port))
     with pytest.raises(ConnectionFailed, match=r"this one.* drives it already"):

@@ -91,6 +91,7 @@ def test_f3_a_controller_that_comes_later_is_found(caplog):
                 bench.sim = second
                 bench.until_state("DISABLED")
                 bench.enable()
+                bench.arm.disable()  # an arm that is enabled could not be stopped when this one has gone
 
 
 @pytest.mark.parametrize(
@@ -117,6 +118,7 @@ def test_power_that_is_lost_while_it_comes_ends_enable_at_once(monkeypatch, lost
 # F16: processes that die or freeze. What stops the arm then is the controller's own watchdog.
 
 
+@pytest.mark.real_time  # the vendor's library
 def test_f16_a_program_left_by_an_interrupted_start_is_stopped_by_the_next_enable():
     """Killed between upload and watchdog, the process leaves a program that nothing ends by itself."""
     with ur_bench({**CONFIG, "control": "ur_rtde"}) as bench:

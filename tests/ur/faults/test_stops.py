@@ -278,6 +278,7 @@ def test_a_move_goes_on_for_its_watchdog_alone_while_the_control_process_stands_
             os.kill(child, signal.SIGCONT)
 
 
+@pytest.mark.real_time  # the vendor's library
 def test_a_move_that_the_control_process_stopped_as_it_heard_nothing_says_so():
     move = {**PATIENT["move"], "planned_by": "controller"}
     with ur_bench({"control": "ur_rtde", "move": move}) as bench:

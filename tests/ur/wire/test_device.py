@@ -33,8 +33,8 @@ from rigs.ur_bench import (
 pytestmark = pytest.mark.sweep(4)
 
 ARMS = {
-    "ur10e": ("ur_rtde", "controller", {"model": "ur10e", "version": "5.23.0"}),
-    "ur5": ("ur_rtde", "driver", {"model": "ur5", "version": "3.15.8"}),
+    "ur10e ur_rtde": ("ur_rtde", "controller", {"model": "ur10e", "version": "5.23.0"}),
+    "ur5 ur_rtde": ("ur_rtde", "driver", {"model": "ur5", "version": "3.15.8"}),
     "ur5e native": ("native", "driver", {"model": "ur5e", "version": "5.12.4"}),
     "ur5 native": ("native", "controller", {"model": "ur5", "version": "3.15.8"}),
 }

@@ -224,6 +224,7 @@ def test_nobody_listens():
     stream.close()
 
 
+@pytest.mark.real_time  # how many wait to be accepted is up to Linux
 def test_connection_nobody_takes_ends_by_deadline():
     with (
         full_queue() as (host, port),

@@ -172,6 +172,7 @@ def test_a_tool_that_cannot_be_is_refused(bench, value, reason):
     assert_at(bench.arm.forward_kinematics(HOME), expected(HOME, NONE))
 
 
+@pytest.mark.real_time  # the vendor's library
 def test_what_is_given_before_enable_is_sent_by_it():
     for control in WAYS:
         with ur_bench({"control": control, "tcp": [0.0, 0.0, 0.3, 0.0, 0.0, 0.0]}) as bench:
