@@ -107,6 +107,9 @@ sys.addaudithook(forbid_traffic_beyond_this_machine)
 # Failures inside the contract explain themselves.
 pytest.register_assert_rewrite("crtk_drivers.testing.contract")
 
+if world.is_here():
+    scheduling.keep_share()
+
 gc.disable()  # until all is collected: in each worker it would take a second to find that all is kept
 
 COLD_START, COLD_CHILD = process._start, child_process._start

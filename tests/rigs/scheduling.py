@@ -172,6 +172,12 @@ def take_share(given: dict[str, Any]) -> None:
             AUTOGROUP.write_text(str(NICE))
 
 
+def keep_share() -> None:
+    """Let this process, which has a session of its own, compete no more than whoever has started it."""
+    with suppress(OSError):
+        AUTOGROUP.write_text(str(os.getpriority(os.PRIO_PROCESS, 0)))
+
+
 def interrupt() -> None:
     """Interrupt all workers with a session of their own, which do not hear of Ctrl-C."""
     for folder in _folders:

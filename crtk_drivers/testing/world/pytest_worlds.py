@@ -8,6 +8,7 @@ runs them (`pytest_host`) and sends back its reports.
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Iterator
 from importlib.metadata import entry_points
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 MARKER: Final = "world"
 LIMIT: Final = 120.0
 """s of the world that a test may take, unless the marker or the setting `timeout` says otherwise."""
+_EXPECTED: Final = ("pytest.PytestAssertRewriteWarning", "RuntimeWarning:runpy")
+"""Warnings that say nothing in a world: modules are imported before pytest, and before a child runs them."""
 _NEVER: Final = ("crtk_drivers.ros", "crtk_drivers.testing.world")
 """Modules that are not imported before worlds are forked: rclpy cannot be in one."""
 
@@ -34,7 +37,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--real-time",
         action="store_true",
-        help="Run tests that are marked `world` on this machine. So does --pdb.",
+        help="Run tests that are marked `world` on this machine. So do --pdb, and all systems but Linux.",
     )
     group.addoption(
         "--world-seed",
@@ -49,7 +52,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", f"{MARKER}: runs on a simulated machine, in virtual time (crtk_drivers.testing)"
     )
-    in_real_time = config.option.real_time or config.option.usepdb
+    in_real_time = config.option.real_time or config.option.usepdb or sys.platform != "linux"
     if not (world.is_here() or in_real_time):
         config.pluginmanager.register(_Worlds(config))
 
@@ -137,11 +140,7 @@ class _Worlds:
             *("--tb", option.tbstyle, "--capture", "no" if option.capture == "no" else "sys"),
             *(word for name in option.plugins for word in ("-p", name)),
             *("-p", "no:cacheprovider", "-p", "no:faulthandler"),
-            *("-W", "ignore::pytest.PytestAssertRewriteWarning"),  # some is imported already,
-            *(
-                "-W",
-                "ignore::RuntimeWarning:runpy",
-            ),  # also what a child process runs as its program
+            *(word for warning in _EXPECTED for word in ("-W", f"ignore::{warning}")),
             *(("-" + "v" * option.verbose,) if option.verbose > 0 else ()),
             *dict.fromkeys(each.partition("::")[0] for each in self._config.args),
         ]
@@ -176,8 +175,6 @@ def _limit(item: pytest.Item) -> float:
 
 def _modules() -> list[str]:
     """Return the modules of drivers and simulators that the tests of this process have imported."""
-    import sys
-
     packages = {"crtk_drivers", "crtk_sim_backends"}
     packages |= {
         each.value.partition(":")[0].partition(".")[0]
