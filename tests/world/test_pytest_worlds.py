@@ -161,6 +161,23 @@ def test_it(capsys):
     assert capsys.readouterr().out == "ours\\n"
 """
 
+UNHEARD = """
+import subprocess, sys
+
+import pytest
+
+pytestmark = pytest.mark.world
+
+
+def test_it_passes():
+    subprocess.run([sys.executable, "-c", "print('nobody asks')"], check=True)
+
+
+def test_it_fails():
+    subprocess.run([sys.executable, "-c", "print('this tells why')"], check=True)
+    assert False
+"""
+
 ORDER = """
 import threading, time
 
@@ -221,6 +238,7 @@ def test_what_is_stuck_says_where(tmp_path: Path) -> None:
         "test_it_computes_for_ever > ",
         "count_for_ever",
         "the process of a world has ended: SIGSEGV",
+        "Segmentation fault",
         "a thread died",
         "invalid literal for int() with base 10: 'no number'",
         "NotSimulated: os.fork",
@@ -232,6 +250,15 @@ def test_what_is_stuck_says_where(tmp_path: Path) -> None:
 def test_what_a_program_prints_is_its_own(tmp_path: Path) -> None:
     done = run(tmp_path, PROGRAM)
     assert result(done) == "1 passed", done.stdout + done.stderr
+
+
+def test_what_a_program_prints_is_shown_of_failures(tmp_path: Path) -> None:
+    done = run(tmp_path, UNHEARD)
+    assert result(done) == "1 failed, 1 passed", done.stdout + done.stderr
+    assert "this tells why" in done.stdout
+    assert "nobody asks" not in done.stdout + done.stderr
+    shown = run(tmp_path, UNHEARD, "-s")
+    assert "nobody asks" in shown.stdout + shown.stderr
 
 
 def test_a_seed_gives_the_same_order_again(tmp_path: Path) -> None:

@@ -30,7 +30,11 @@ HANG_SIGNAL: Final = signal.SIGUSR2
 """At it, a world writes where each of its threads is."""
 HANG_FILE: Final = "where_it_hangs.txt"
 """What it writes then, in the folder of its world."""
+PRINTED: Final = "printed.txt"
+"""What the processes of a world have printed, if it is kept, in the folder of the world."""
 _ADDR_NO_RANDOMIZE: Final = 0x0040000
+_SAID: Final = 4000
+"""Characters that are told of what a process printed before it died."""
 
 # Before they are patched.
 _poll, _read, _write, _pipe, _close, _fork, _waitpid, _kill, _exit = (
@@ -139,13 +143,15 @@ def serve(asked: Asked, be_world: Callable[[Path], None]) -> None:
             _kill(child, signal.SIGKILL)  # it may compute for ever
         _, status = _waitpid(child, 0)
         _close(life)
+        printed = Path(folder, PRINTED)
+        said = printed.read_text(errors="replace")[-_SAID:] if status and printed.exists() else ""
         shutil.rmtree(folder, ignore_errors=True)
         if not goes_on:
             return
         if status:
             code = os.waitstatus_to_exitcode(status)
             how = f"exit code {code}" if code >= 0 else signal.Signals(-code).name
-            asked.answer({"error": f"the process of a world has ended: {how}"})
+            asked.answer({"error": f"the process of a world has ended: {how}\n{said}".rstrip()})
 
 
 def folder_prefix(pid: int) -> str:

@@ -189,6 +189,12 @@ class Kernel:
         """Return a generator of this seed for one purpose; what others draw does not change it."""
         return random.Random(f"{self.seed} {purpose}")
 
+    def draw_anew(self, purpose: str) -> None:
+        """Let what happens from now on depend on the seed and a purpose, and not on what was drawn before."""
+        self._random = self.stream(f"schedule {purpose}")
+        self.entropy = self.stream(f"entropy {purpose}")
+        self._quiet = self._draw_quiet()
+
     # Time
 
     @property

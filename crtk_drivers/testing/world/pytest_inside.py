@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import faulthandler
 import importlib.util
+import os
 import tempfile
 from collections.abc import Generator
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import IO, Any, Final, NoReturn
 
 import pytest
 from _pytest.assertion.rewrite import AssertionRewritingHook
@@ -17,7 +19,9 @@ from crtk_drivers.testing.world import forking
 from crtk_drivers.testing.world.forking import Asked
 from crtk_drivers.testing.world.world import World
 
-_OUTSIDE = ("terminalreporter", "timeout")
+_MOST: Final = 1 << 20
+"""Bytes of what processes printed that a report has."""
+_OUTSIDE: Final = ("terminalreporter", "timeout")
 """Plugins that do their work where the test was asked for: they print, and they take real time."""
 
 
@@ -46,6 +50,8 @@ class Inside:
         self._reports: list[dict[str, Any]] = []
         self._refused: list[str] = []
         self._phase_began = 0.0
+        self._printed: IO[bytes] | None = None
+        self._read = 0
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_cmdline_main(self, config: pytest.Config) -> int:
@@ -58,6 +64,11 @@ class Inside:
         self._request = self._asked.request()
         if self._request is None or self._request["test"] is None:
             return
+        if config.option.capture != "no":
+            self._printed = (folder / forking.PRINTED).open("w+b")
+            for standard in (1, 2):  # the files of child processes too, unless they have others
+                os.dup2(self._printed.fileno(), standard)
+        faulthandler.enable(all_threads=False)
         config.args[:] = [self._request["file"]]
         config.option.basetemp = str(folder / "tests")
         (files := folder / "files").mkdir()
@@ -90,7 +101,8 @@ class Inside:
         outcome = world.run(self._serve)
         if outcome.findings:
             phase = ("setup", "call", "teardown")[min(len(self._reports), 2)]
-            found = {"reports": self._reports, "found": outcome.told(), "phase": phase}
+            text = f"{outcome.told()}\n{self._what_was_printed()}".rstrip()
+            found = {"reports": self._reports, "found": text, "phase": phase}
             self._asked.answer(found)
         forking.leave()  # nobody looks at a clock any more: the world is over
 
@@ -104,6 +116,7 @@ class Inside:
                 return
             following = self._items.get(self._request["next"])
             self._reports = []
+            world.kernel.draw_anew(name)
             world.kernel.allow(self._request["limit"])
             self._phase_began = forking.real_clock()
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
@@ -124,6 +137,17 @@ class Inside:
         report = yield
         now = forking.real_clock()
         report.duration, self._phase_began = now - self._phase_began, now
+        printed = self._what_was_printed()
+        if report.failed and printed:
+            report.sections.append(("Captured output of processes", printed))
         hook = item.config.hook
         self._reports.append(hook.pytest_report_to_serializable(config=item.config, report=report))
         return report
+
+    def _what_was_printed(self) -> str:
+        """Return what the processes of the world have printed since this was asked for the last time."""
+        if self._printed is None:
+            return ""
+        text = os.pread(self._printed.fileno(), _MOST, self._read).decode(errors="replace")
+        self._read = os.fstat(self._printed.fileno()).st_size
+        return text

@@ -43,7 +43,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--world-seed",
         metavar="N",
         type=int,
-        help="Let their threads take turns in another order. Default: an order for each file.",
+        help="Let their threads take turns in another order. Default: the same each time.",
     )
 
 

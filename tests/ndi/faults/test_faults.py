@@ -259,6 +259,7 @@ def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
             made.front.close()
 
 
+@pytest.mark.real_time  # how many wait to be accepted is up to Linux
 def test_a_shut_down_ends_a_connection_that_is_being_made() -> None:
     with full_queue() as (host, port):
         link = NdiLink(NdiConfig(host=host, tcp_port=port))
