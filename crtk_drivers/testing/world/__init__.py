@@ -69,7 +69,7 @@ _MODULES = {
 
 
 def is_here() -> bool:
-    """Return whether this process is that of worlds, or will be: no system call reaches this machine."""
+    """Return whether this process runs worlds: it is one, or forks them."""
     kernel = sys.modules.get(f"{__name__}.kernel")
     return kernel is not None and kernel.running.patched
 

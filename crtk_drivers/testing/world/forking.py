@@ -34,7 +34,7 @@ PRINTED: Final = "printed.txt"
 """What the processes of a world have printed, if it is kept, in the folder of the world."""
 _ADDR_NO_RANDOMIZE: Final = 0x0040000
 _SAID: Final = 4000
-"""Characters that are told of what a process printed before it died."""
+"""Characters of what a process printed before it died that the error has."""
 
 # Before they are patched.
 _poll, _read, _write, _pipe, _close, _fork, _waitpid, _kill, _exit = (
@@ -48,18 +48,16 @@ _poll, _read, _write, _pipe, _close, _fork, _waitpid, _kill, _exit = (
     os.kill,
     os._exit,
 )
-
-
 real_clock: Final = time.perf_counter
-"""s of the real clock."""
+"""s of this machine's clock."""
 
 
 class RefusedError(Exception):
     """A request cannot be carried out; the text says why."""
 
 
-class Asked:
-    """Whoever has started this process: where requests come from, and where answers go."""
+class Requests:
+    """What whoever has started this process asks for, and the way of the answers."""
 
     def __init__(self) -> None:
         self._requests, self._answers = os.dup(0), os.dup(1)
@@ -68,13 +66,11 @@ class Asked:
         os.close(nothing)
         os.dup2(2, 1)
 
-    def request(self) -> dict[str, Any] | None:
-        """Wait for the next request, in real time; None if there will be none."""
+    def read(self) -> dict[str, Any] | None:
+        """Wait for the next request, in real time, and return it; None if there will be none."""
         data = bytearray()
         while not data.endswith(b"\n"):
-            piece = _read(
-                self._requests, 1
-            )  # no more of the one after it, which is another child's
+            piece = _read(self._requests, 1)  # what follows the line may be for another child
             if not piece:
                 return None
             data += piece
@@ -82,19 +78,19 @@ class Asked:
         return found
 
     def answer(self, found: dict[str, Any]) -> None:
-        """Answer a request."""
+        """Answer the request that was read last."""
         data = json.dumps(found).encode() + b"\n"
         while data:
             data = data[_write(self._answers, data) :]
 
-    def is_waited_for(self) -> bool:
-        """Wait until there is a request, in real time; False if there will be none."""
+    def await_next(self) -> bool:
+        """Wait until there is a request to read, in real time; False if there will be none."""
         poll = _poll()
         poll.register(self._requests, select.POLLIN)
         return bool(poll.poll()[0][1] & select.POLLIN)
 
-    def outlives(self, life: int) -> bool:
-        """Wait for the end of a child or of whoever has asked; False if that was the latter.
+    def await_child(self, life: int) -> bool:
+        """Wait until a child has ended; False if whoever asks has gone before.
 
         Args:
             life: a pipe that only the child holds open.
@@ -105,30 +101,29 @@ class Asked:
         return self._requests not in [descriptor for descriptor, _ in poll.poll()]
 
 
-def begin() -> tuple[Asked, list[str]]:
+def begin() -> tuple[Requests, list[str]]:
     """Make this process one that forks worlds: fix its addresses, and patch the standard library.
 
     Returns:
-        Who asks, and the arguments of the process.
+        The requests, and the arguments of the process.
     """
     if AGAIN not in sys.argv:
         _fix_addresses()
-    signal.signal(
-        HANG_SIGNAL, signal.SIG_IGN
-    )  # it is for the child, and comes to the whole session
-    asked = Asked()
+    # The whole session gets the signal, which is for the child.
+    signal.signal(HANG_SIGNAL, signal.SIG_IGN)
+    requests = Requests()
     patches.install()
-    return asked, [each for each in sys.argv[1:] if each != AGAIN]
+    return requests, [each for each in sys.argv[1:] if each != AGAIN]
 
 
-def serve(asked: Asked, be_world: Callable[[Path], None]) -> None:
+def serve(requests: Requests, be_world: Callable[[Path], None]) -> None:
     """Fork a child for each request, one after the other, until whoever asks has gone.
 
     Args:
-        asked: who asks.
+        requests: from whoever asks.
         be_world: reads the request and answers it, in the child, which ends with it; given a new folder.
     """
-    while asked.is_waited_for():
+    while requests.await_next():
         folder = Path(tempfile.mkdtemp(prefix=folder_prefix(os.getpid())))
         # Every child begins with the same counts, and never looks through what is imported here.
         gc.collect()
@@ -136,9 +131,9 @@ def serve(asked: Asked, be_world: Callable[[Path], None]) -> None:
         life, held = _pipe()
         child = _fork()
         if child == 0:
-            _be_child(asked, be_world, folder)  # the end `held` closes when it ends
+            _be_child(requests, be_world, folder)  # the end `held` closes when it ends
         _close(held)
-        goes_on = asked.outlives(life)
+        goes_on = requests.await_child(life)
         if not goes_on:
             _kill(child, signal.SIGKILL)  # it may compute for ever
         _, status = _waitpid(child, 0)
@@ -151,7 +146,7 @@ def serve(asked: Asked, be_world: Callable[[Path], None]) -> None:
         if status:
             code = os.waitstatus_to_exitcode(status)
             how = f"exit code {code}" if code >= 0 else signal.Signals(-code).name
-            asked.answer({"error": f"the process of a world has ended: {how}\n{said}".rstrip()})
+            requests.answer({"error": f"the process of a world has ended: {how}\n{said}".rstrip()})
 
 
 def folder_prefix(pid: int) -> str:
@@ -174,13 +169,13 @@ def leave() -> NoReturn:
     raise AssertionError
 
 
-def _be_child(asked: Asked, be_world: Callable[[Path], None], folder: Path) -> None:
+def _be_child(requests: Requests, be_world: Callable[[Path], None], folder: Path) -> None:
     try:
         dump = Path(folder, HANG_FILE).open("w")  # noqa: SIM115 - for its life
         faulthandler.register(HANG_SIGNAL, dump)
         be_world(folder)
     except RefusedError as error:
-        asked.answer({"error": str(error)})
+        requests.answer({"error": str(error)})
     except BaseException:
-        asked.answer({"error": traceback.format_exc()})
+        requests.answer({"error": traceback.format_exc()})
     leave()

@@ -27,7 +27,7 @@ _FRAME: Final = re.compile(r'  File "(.*/)?(?P<file>.*)", line (?P<line>\d+) in 
 _END_OF_DUMP: Final = "_run_module_as_main\n"
 """The outermost call of the oldest thread, which comes last."""
 _HIDDEN: Final = (
-    *("kernel.py", "world.py", "world_host.py", "forking.py", "pytest_host.py"),
+    *("kernel.py", "world.py", "world_host.py", "forking.py", "pytest_inside.py"),
     *("threading.py", "<frozen runpy>"),
 )
 _SHOWN: Final = 6

@@ -190,7 +190,7 @@ class Kernel:
         return random.Random(f"{self.seed} {purpose}")
 
     def draw_anew(self, purpose: str) -> None:
-        """Let what happens from now on depend on the seed and a purpose, and not on what was drawn before."""
+        """Draw what is random from here on by the seed and a purpose, whatever was drawn before."""
         self._random = self.stream(f"schedule {purpose}")
         self.entropy = self.stream(f"entropy {purpose}")
         self._quiet = self._draw_quiet()

@@ -17,7 +17,7 @@ from crtk_drivers.testing.world.kernel import NotSimulated
 
 def main() -> None:
     """Answer requests until whoever asks has gone."""
-    asked, (text,) = forking.begin()
+    requests, (text,) = forking.begin()
     given = json.loads(text)
     for name in given["preload"]:
         with suppress(ImportError, NotSimulated):  # a test that needs it says so
@@ -27,7 +27,7 @@ def main() -> None:
 
     from crtk_drivers.testing.world.pytest_inside import Inside
 
-    pytest.main(given["arguments"], plugins=[Inside(asked)])
+    pytest.main(given["arguments"], plugins=[Inside(requests)])
 
 
 if __name__ == "__main__":

@@ -16,13 +16,13 @@ from _pytest.assertion.rewrite import AssertionRewritingHook
 from _pytest.runner import runtestprotocol
 
 from crtk_drivers.testing.world import forking
-from crtk_drivers.testing.world.forking import Asked
+from crtk_drivers.testing.world.forking import Requests
 from crtk_drivers.testing.world.world import World
 
 _MOST: Final = 1 << 20
 """Bytes of what processes printed that a report has."""
 _OUTSIDE: Final = ("terminalreporter", "timeout")
-"""Plugins that do their work where the test was asked for: they print, and they take real time."""
+"""Plugins that work in the process that asks for the tests: they print, and they measure real time."""
 
 
 def _code(_: AssertionRewritingHook, name: str) -> Any:
@@ -40,11 +40,11 @@ class Inside:
     """A plugin: forks at each request, and in the child runs tests as they are asked for.
 
     Args:
-        asked: who asks.
+        requests: from whoever asks.
     """
 
-    def __init__(self, asked: Asked) -> None:
-        self._asked = asked
+    def __init__(self, requests: Requests) -> None:
+        self._requests = requests
         self._request: dict[str, Any] | None = None
         self._items: dict[str, pytest.Item] = {}
         self._reports: list[dict[str, Any]] = []
@@ -56,12 +56,12 @@ class Inside:
     @pytest.hookimpl(tryfirst=True)
     def pytest_cmdline_main(self, config: pytest.Config) -> int:
         """Fork children until whoever asks has gone."""
-        forking.serve(self._asked, partial(self._be_world, config))
+        forking.serve(self._requests, partial(self._be_world, config))
         return 0
 
     def _be_world(self, config: pytest.Config, folder: Path) -> None:
-        """Let pytest do in the child what it does at any start, with one file."""
-        self._request = self._asked.request()
+        """Let pytest start in the child as it does elsewhere, with the file of the request."""
+        self._request = self._requests.read()
         if self._request is None or self._request["test"] is None:
             return
         if config.option.capture != "no":
@@ -75,11 +75,11 @@ class Inside:
         tempfile.tempdir = str(files)
         others = config.pluginmanager.subset_hook_caller("pytest_cmdline_main", [self])
         code = others(config=config)
-        self._asked.answer({"error": f"pytest has ended before the test began, with {code}"})
+        self._requests.answer({"error": f"pytest has ended before the test began, with {code}"})
 
     @pytest.hookimpl(trylast=True)
     def pytest_configure(self, config: pytest.Config) -> None:
-        """Silence what is for the outside."""
+        """Take out the plugins that work in the process that asks."""
         for name in _OUTSIDE:
             if (plugin := config.pluginmanager.getplugin(name)) is not None:
                 config.pluginmanager.unregister(plugin)
@@ -94,7 +94,7 @@ class Inside:
         """Begin a world, and run in it what is asked for."""
         assert self._request is not None
         if self._refused:
-            self._asked.answer({"error": "\n".join(self._refused)})
+            self._requests.answer({"error": "\n".join(self._refused)})
             forking.leave()
         self._items = {item.nodeid: item for item in session.items}
         world = World(self._request["seed"])
@@ -103,14 +103,14 @@ class Inside:
             phase = ("setup", "call", "teardown")[min(len(self._reports), 2)]
             text = f"{outcome.told()}\n{self._what_was_printed()}".rstrip()
             found = {"reports": self._reports, "found": text, "phase": phase}
-            self._asked.answer(found)
+            self._requests.answer(found)
         forking.leave()  # nobody looks at a clock any more: the world is over
 
     def _serve(self, world: World) -> None:
         while self._request is not None and (name := self._request["test"]) is not None:
             item = self._items.get(name)
             if item is None:
-                self._asked.answer(
+                self._requests.answer(
                     {"error": f"{name} is not there when its file is collected anew"}
                 )
                 return
@@ -120,12 +120,12 @@ class Inside:
             world.kernel.allow(self._request["limit"])
             self._phase_began = forking.real_clock()
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
-            self._asked.answer({"reports": self._reports})
-            self._request = None if following is None else self._asked.request()
+            self._requests.answer({"reports": self._reports})
+            self._request = None if following is None else self._requests.read()
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> bool:
-        """Run a test, and tell nobody but who asks."""
+        """Run a test; its reports are for whoever asks."""
         runtestprotocol(item, log=False, nextitem=nextitem)
         return True
 
@@ -145,7 +145,7 @@ class Inside:
         return report
 
     def _what_was_printed(self) -> str:
-        """Return what the processes of the world have printed since this was asked for the last time."""
+        """Return what the processes of the world have printed since the last call."""
         if self._printed is None:
             return ""
         text = os.pread(self._printed.fileno(), _MOST, self._read).decode(errors="replace")

@@ -26,7 +26,7 @@ MARKER: Final = "world"
 LIMIT: Final = 120.0
 """s of the world that a test may take, unless the marker or the setting `timeout` says otherwise."""
 _EXPECTED: Final = ("pytest.PytestAssertRewriteWarning", "RuntimeWarning:runpy")
-"""Warnings that say nothing in a world: modules are imported before pytest, and before a child runs them."""
+"""Warnings to ignore in worlds: modules are imported before pytest, and before a child process runs them."""
 _NEVER: Final = ("crtk_drivers.ros", "crtk_drivers.testing.world")
 """Modules that are not imported before worlds are forked: rclpy cannot be in one."""
 
@@ -43,12 +43,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--world-seed",
         metavar="N",
         type=int,
-        help="Let their threads take turns in another order. Default: the same each time.",
+        help="Another order in which threads of marked tests take turns. Default: the same each time.",
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Be ready for such tests."""
+    """Register the marker, and what runs marked tests in worlds."""
     config.addinivalue_line(
         "markers", f"{MARKER}: runs on a simulated machine, in virtual time (crtk_drivers.testing)"
     )
@@ -70,7 +70,7 @@ class _Worlds:
     def pytest_runtest_protocol(
         self, item: pytest.Item, nextitem: pytest.Item | None
     ) -> bool | None:
-        """Run a marked test."""
+        """Run a marked test in a world, and report it here."""
         if not _is_marked(item):
             return None
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
@@ -80,7 +80,7 @@ class _Worlds:
         return True
 
     def pytest_unconfigure(self) -> None:
-        """End the process."""
+        """End the process that runs worlds."""
         self._close()
 
     def _run(self, item: pytest.Item, following: pytest.Item | None) -> Iterator[pytest.TestReport]:
@@ -199,7 +199,7 @@ def _torn_down(item: pytest.Item, following: pytest.Item | None) -> Iterator[pyt
 
 
 def _failure(item: pytest.Item, phase: Any, text: str, begun: float) -> pytest.TestReport:
-    """Return a report of a test that could not say itself how it ended."""
+    """Return the report of a failure that the pytest in the world could not report itself."""
     return pytest.TestReport(
         nodeid=item.nodeid,
         location=item.location,

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from crtk_drivers.testing.world import forking
-from crtk_drivers.testing.world.forking import Asked, RefusedError
+from crtk_drivers.testing.world.forking import RefusedError, Requests
 
 NAME: Final = "crtk_world_scenarios"
 _HERE: Final = "/proc/self/cwd"
@@ -26,11 +26,11 @@ _HERE: Final = "/proc/self/cwd"
 
 def main() -> None:
     """Answer requests until whoever asks has gone."""
-    asked, (file, *modules) = forking.begin()
+    requests, (file, *modules) = forking.begin()
     for name in modules:
         importlib.import_module(name)
     scenarios = _load(Path(file))
-    forking.serve(asked, partial(_be_world, asked, scenarios))
+    forking.serve(requests, partial(_be_world, requests, scenarios))
 
 
 def _load(file: Path) -> Any:
@@ -44,15 +44,15 @@ def _load(file: Path) -> Any:
     return module
 
 
-def _be_world(asked: Asked, scenarios: Any, folder: Path) -> None:
-    request = asked.request()
+def _be_world(requests: Requests, scenarios: Any, folder: Path) -> None:
+    request = requests.read()
     if request is None:
         return
     (inside := Path(folder, "world")).mkdir()
     os.chdir(inside)
     if Path(_HERE).exists():  # the same name in each child, for a folder of its own
         tempfile.tempdir = _HERE
-    asked.answer(_run(scenarios, request))
+    requests.answer(_run(scenarios, request))
 
 
 def _run(scenarios: Any, request: dict[str, Any]) -> dict[str, Any]:

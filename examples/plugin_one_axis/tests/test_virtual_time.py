@@ -1,4 +1,4 @@
-"""Ordinary tests in virtual time: pytest runs them on a simulated machine, since they are marked so."""
+"""Ordinary tests in virtual time: the mark lets pytest run them on a simulated machine."""
 
 import time
 
@@ -9,7 +9,7 @@ import crtk_drivers
 
 @pytest.mark.world
 def test_a_stage_holds_its_place() -> None:
-    """The half minute is one of the simulated machine."""
+    """It waits for half a minute of virtual time."""
     with crtk_drivers.connect("one_axis", sim=True, travel=0.8) as stage:
         stage.enable()
         assert stage.move_jp([0.5]).wait(10.0)

@@ -376,7 +376,7 @@ def test_values_go_both_ways(peers: ScriptedBus, master: Master) -> None:
     ]
 
 
-@pytest.mark.real_time  # its master does nothing but look at the clock
+@pytest.mark.real_time  # a period of 1 us: all time goes into looks at the clock
 def test_nothing_is_sent_before_the_sync(peers: ScriptedBus) -> None:
     sent: list[int] = []
     link = CanLink(address(peers.channel), lambda frame: sent.append(frame.can_id))

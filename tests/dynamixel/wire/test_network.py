@@ -144,7 +144,7 @@ def test_both_ways_lead_to_the_same_servos_and_who_asks_is_answered(sim: Running
             bus.close()
 
 
-@pytest.mark.real_time  # who comes next is asked before the simulator knows that the one before has gone
+@pytest.mark.real_time  # in a world, a client may come before the simulator knows that the last has gone
 def test_one_client_at_a_time(sim: RunningSim) -> None:
     with SerialPort(url_of(sim)) as first, SerialPort(url_of(sim)) as second:
         with pytest.raises(ConnectionLost, match=r"hung up|reset"):
@@ -156,7 +156,7 @@ def test_one_client_at_a_time(sim: RunningSim) -> None:
         assert third.read(time.monotonic() + LONG).startswith(b"\xff\xff\xfd\x00\x02")
 
 
-@pytest.mark.real_time  # on a slower line, answers that nobody reads end the connection too early
+@pytest.mark.real_time  # with the delays of a world, closing with unread answers loses what was sent
 def test_nothing_is_lost_of_a_client_that_flushes(sim: RunningSim) -> None:
     heard = sim.control.status()["instructions"]
     with serial.serial_for_url(url_of(sim)) as port:

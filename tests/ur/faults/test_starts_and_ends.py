@@ -91,7 +91,7 @@ def test_f3_a_controller_that_comes_later_is_found(caplog):
                 bench.sim = second
                 bench.until_state("DISABLED")
                 bench.enable()
-                bench.arm.disable()  # an arm that is enabled could not be stopped when this one has gone
+                bench.arm.disable()  # when `second` has gone, no stop could be confirmed
 
 
 @pytest.mark.parametrize(
