@@ -7,6 +7,7 @@ CPU makes a simulator or an I/O thread late. So there are more workers than core
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import time
@@ -105,9 +106,6 @@ LENIENT = frozenset({"client", "node", "teleop", "test_contract_loopback.py", "t
 """Folders and files of `WAITING` that a worker which computes may run too. Almost all of their devices are
 loopbacks, which wait for nobody, and each of their waits has a minute."""
 
-LONG_WAIT, LONG_WORLD = 0.3, 0.1
-"""Seconds from which on a test that waits, or computes a world, is quick in some of its cases only."""
-
 EVERY = 3
 """One in so many cases of such a test is quick, if it does not say itself."""
 
@@ -116,7 +114,7 @@ ALONE = ("ur_rtde", "test_examining")
 and has no priority over others, so that it is the first to be late; a device of rclpy takes half a core."""
 
 NOT_OF_A_WORLD = ("force-dimension", "openhaptics", "ros2-control", "ur_rtde")
-"""In the names of tests whose driver has a C library that does I/O by itself."""
+"""In the names of tests whose driver does I/O by a C library: they keep real time, in pieces of their own."""
 
 LONGEST_COMPUTATION = 240.0
 """Seconds that a test may take which computes."""
@@ -302,7 +300,8 @@ def pieces(collected: list[str]) -> Iterator[tuple[str, str]]:
     dealt: Counter[str] = Counter()
     for test in collected:
         file = _file(test)
-        sort = f"{file}::{alone(test)}" if alone(test) else file
+        apart = alone(test) or next((each for each in NOT_OF_A_WORLD if each in test), None)
+        sort = f"{file}::{apart}" if apart else file
         yield test, f"{sort}::{dealt[sort] // max(1, round(PIECE / seconds(file)))}"
         dealt[sort] += 1
 
@@ -318,6 +317,9 @@ class Kind(Enum):
     WAITS = "waits for what runs in real time"
     WORLD = "computes a simulated machine"
 
+
+LONG = {Kind.COMPUTES: math.inf, Kind.WAITS: 0.3, Kind.WORLD: 0.1}
+"""Seconds from which on a test of this kind is quick in some of its cases only."""
 
 _TABLES = {Kind.COMPUTES: COMPUTING, Kind.WAITS: WAITING, Kind.WORLD: WORLDS}
 
@@ -357,9 +359,7 @@ def is_lenient(name: str) -> bool:
 def takes_long(name: str) -> bool:
     """Whether a test is one of those that are quick in some of their cases only."""
     kind, seconds = _found(name)
-    return (kind is Kind.WAITS and seconds >= LONG_WAIT) or (
-        kind is Kind.WORLD and seconds >= LONG_WORLD
-    )
+    return seconds >= LONG[kind]
 
 
 @cache
