@@ -59,8 +59,7 @@ def test_a_script_starts_reads_and_stops_the_stream(sim: RunningSim, line: socke
     frames = received(line, 32)
     assert frames[:2] == frames[16:18] == b"\x20\x4e"
     assert struct.unpack("<6h", frames[2:14]) == (1000, -2000, 3000, 1000, -2000, 500)
-    line.sendall(STOP)
-    eventually(lambda: not sim.control.status()["streams"], "stopped")
+    stop(sim, line)
 
 
 def test_while_it_streams_it_answers_nothing_else(sim: RunningSim, line: socket.socket) -> None:
