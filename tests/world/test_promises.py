@@ -50,6 +50,9 @@ KEPT: Final[dict[Case, str]] = {
     Case("ati-netft", "watch", 1796116054784): (
         "The wall clock was set while datagrams waited; they were stamped with when they were read."
     ),
+    Case("ati-netft", "watch", 1796124355751): (
+        "Two biases were set between two looks of the judge, which knew of the second only."
+    ),
 }
 """Every case that ever failed, and what was wrong."""
 

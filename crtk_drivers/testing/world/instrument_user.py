@@ -218,6 +218,7 @@ class _User:
         sets = self._sets
         try:
             self._ask("bias")
+            sight.look()  # before another sets another
         except TransitionFailed:
             if self._sets == sets and sight.bias() != before:
                 sight.world.find(
@@ -252,6 +253,7 @@ class _User:
         self._sets += 1
         sets = self._sets
         self._arm.extras["set_bias"](Wrench(vector(numbers[:3]), vector(numbers[3:])))
+        self._sight.biases.note(self._sight.now, tuple(numbers))  # another may follow at once
         if self._sets == sets and self._sight.bias() != tuple(numbers):
             self._sight.world.find(
                 "a bias is wrong", f"{numbers} was set, and it is {self._sight.bias()}"
