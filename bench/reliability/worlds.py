@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, Self
 
 from crtk_drivers.testing.world import Host, Outcome, WorldError, shrink
-from crtk_drivers.testing.world.runner import PATIENCE
+from crtk_drivers.testing.world.hosts.runner import PATIENCE
 from crtk_drivers.testing.world.world_outcome import ranges
 
 TESTS: Final = Path(__file__).parents[2] / "tests"

@@ -548,8 +548,8 @@ import pytest
 
 def test_nothing_is_imported():
     loaded = {name for name in sys.modules if name.startswith("crtk_drivers.")}
-    testing = "testing", "testing.lab_tests", "testing.world", "testing.world.pytest_worlds"
-    assert loaded == {f"crtk_drivers.{name}" for name in testing}
+    worlds = "testing.world", "testing.world.hosts", "testing.world.hosts.pytest_worlds"
+    assert loaded == {f"crtk_drivers.{name}" for name in ("testing", "testing.lab_tests", *worlds)}
 
 @pytest.mark.needs("nothing")
 def test_nothing_is_skipped():

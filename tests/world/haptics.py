@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from crtk_drivers.testing.world.pusher import Haptic
+from crtk_drivers.testing.world.promises.pusher import Haptic
 
 _ALL: Final = (
     Haptic(

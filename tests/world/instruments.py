@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from crtk_drivers.testing.world.instrument import (
+from crtk_drivers.testing.world.promises.instrument import (
     RAW,
     ForceSensor,
     Instrument,

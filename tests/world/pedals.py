@@ -13,9 +13,9 @@ from typing import Any, Final
 from typing_extensions import override
 
 from crtk_drivers.samples import Joy
-from crtk_drivers.testing.world.instrument import History
-from crtk_drivers.testing.world.subject import PERIOD, Installed, Setting
-from crtk_drivers.testing.world.user import close, connects, storm
+from crtk_drivers.testing.world.promises.instrument import History
+from crtk_drivers.testing.world.promises.subject import PERIOD, Installed, Setting
+from crtk_drivers.testing.world.promises.user import close, connects, storm
 from crtk_drivers.testing.world.world import World
 from crtk_sim_backends.control import ControlError
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import crtk_drivers
 from crtk_drivers import plugins
 from crtk_drivers.errors import CrtkError
-from crtk_drivers.testing.world.world_host import NAME
+from crtk_drivers.testing.world.hosts.world_host import NAME
 
 if TYPE_CHECKING:
     from crtk_drivers.testing.world import World

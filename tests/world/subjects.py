@@ -10,7 +10,7 @@ import math
 from functools import partial
 from typing import Any, Final
 
-from crtk_drivers.testing.world.subject import Subject
+from crtk_drivers.testing.world.promises.subject import Subject
 
 
 def _robotiq(server: Any) -> list[float]:

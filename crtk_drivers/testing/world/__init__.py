@@ -1,5 +1,10 @@
 """Deterministic simulation: a driver and its simulator on one simulated machine, with virtual time.
 
+machine/   the simulated machine: scheduler, clocks, locks, files, sockets, terminals, processes
+hosts/     the processes that worlds run in, and pytest in them
+promises/  users who do all that a device offers, and judges of what was promised
+troubles.py    bad weather and faults
+
 run        run a scenario with a seed
 World      what a scenario is given
 Outcome    what came of it: findings, and the story that led to them
@@ -20,13 +25,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from crtk_drivers.testing.world import instrument_user, pusher, user
-    from crtk_drivers.testing.world.host_process import WorldError
-    from crtk_drivers.testing.world.instrument import ForceSensor, Instrument
-    from crtk_drivers.testing.world.kernel import NotSimulated
-    from crtk_drivers.testing.world.pusher import Haptic
-    from crtk_drivers.testing.world.runner import Host, run, search, shrink
-    from crtk_drivers.testing.world.subject import Subject
+    from crtk_drivers.testing.world.hosts.host_process import WorldError
+    from crtk_drivers.testing.world.hosts.runner import Host, run, search, shrink
+    from crtk_drivers.testing.world.machine.kernel import NotSimulated
+    from crtk_drivers.testing.world.promises import instrument_user, pusher, user
+    from crtk_drivers.testing.world.promises.instrument import ForceSensor, Instrument
+    from crtk_drivers.testing.world.promises.pusher import Haptic
+    from crtk_drivers.testing.world.promises.subject import Subject
     from crtk_drivers.testing.world.world import World
     from crtk_drivers.testing.world.world_outcome import Finding, Outcome
 
@@ -51,30 +56,36 @@ __all__ = [
 ]
 
 # Imported when first used: a host patches the standard library before anything that keeps its functions.
-_MODULES = {
+_PLACES = {
     "Finding": "world_outcome",
-    "ForceSensor": "instrument",
-    "Haptic": "pusher",
-    "Host": "runner",
-    "Instrument": "instrument",
-    "NotSimulated": "kernel",
+    "ForceSensor": "promises.instrument",
+    "Haptic": "promises.pusher",
+    "Host": "hosts.runner",
+    "Instrument": "promises.instrument",
+    "NotSimulated": "machine.kernel",
     "Outcome": "world_outcome",
-    "Subject": "subject",
+    "Subject": "promises.subject",
     "World": "world",
-    "WorldError": "host_process",
-    "run": "runner",
-    "search": "runner",
-    "shrink": "runner",
+    "WorldError": "hosts.host_process",
+    "instrument_user": "promises",
+    "pusher": "promises",
+    "run": "hosts.runner",
+    "search": "hosts.runner",
+    "shrink": "hosts.runner",
+    "user": "promises",
 }
 
 
 def is_here() -> bool:
     """Return whether this process runs worlds: it is one, or forks them."""
-    kernel = sys.modules.get(f"{__name__}.kernel")
+    kernel = sys.modules.get(f"{__name__}.machine.kernel")
     return kernel is not None and kernel.running.patched
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
+    if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    place = f"{__name__}.{_PLACES[name]}"
+    if place.endswith(".promises"):
+        return import_module(f"{place}.{name}")
+    return getattr(import_module(place), name)

@@ -12,8 +12,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from crtk_drivers.testing.world.kernel import NS, Kernel, Process
-from crtk_drivers.testing.world.network import Network
+from crtk_drivers.testing.world.machine.endpoints import Endpoint
+from crtk_drivers.testing.world.machine.kernel import NS, Kernel, Process
+from crtk_drivers.testing.world.machine.network import Network
 
 LENGTHS: Final = (0.01, 0.1, 0.4, 1.5)
 """s that a fault lasts, one of them, times 0.5 to 1.5."""
@@ -113,7 +114,7 @@ class Troubles:
     def __init__(
         self,
         kernel: Kernel,
-        network: Network,
+        network: Network[Endpoint],
         weather: Weather,
         tell: Callable[[str], None],
         without: Collection[int] = (),

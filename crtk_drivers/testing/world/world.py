@@ -11,10 +11,12 @@ from typing import Any, Final
 
 from typing_extensions import override
 
-from crtk_drivers.testing.world import kernel as kernels
-from crtk_drivers.testing.world import network as networks
-from crtk_drivers.testing.world.kernel import DONE, Kernel, Process
-from crtk_drivers.testing.world.processes import be_main_thread, run_main
+from crtk_drivers.testing.world.machine import kernel as kernels
+from crtk_drivers.testing.world.machine.endpoints import Endpoint
+from crtk_drivers.testing.world.machine.endpoints import begin as begin_network
+from crtk_drivers.testing.world.machine.kernel import DONE, Kernel, Process
+from crtk_drivers.testing.world.machine.network import Network
+from crtk_drivers.testing.world.machine.processes import be_main_thread, run_main
 from crtk_drivers.testing.world.troubles import Troubles, Weather
 from crtk_drivers.testing.world.world_outcome import Finding, Line, Outcome
 
@@ -46,7 +48,7 @@ class World:
         self.random = self.kernel.stream("script")
         self.wild = wild
         weather = Weather(self.kernel, self.kernel.stream("weather"))
-        self.network = networks.Network(weather)
+        self.network = Network[Endpoint](weather)
         self._story: list[Line] = []
         self._without = tuple(without)
         self.troubles = Troubles(self.kernel, self.network, weather, self._tell_trouble, without)
@@ -121,7 +123,7 @@ class World:
     def run(self, scenario: Scenario) -> Outcome:
         """Run a scenario to its end, or to that of the world."""
         kernels.begin(self.kernel)
-        networks.begin(self.network)
+        begin_network(self.network)
         process = self.kernel.add_process("main")
         threading.excepthook = self._thread_died
         root = logging.getLogger()

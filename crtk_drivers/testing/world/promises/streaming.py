@@ -14,7 +14,7 @@ import numpy as np
 from crtk_drivers.commands import Kind, Space, find
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Pose, Vector, vector
-from crtk_drivers.testing.world.acting import User
+from crtk_drivers.testing.world.promises.acting import User
 
 CYCLE: Final = 0.008
 PERIODS: Final = (CYCLE, CYCLE, 0.002, 0.05)

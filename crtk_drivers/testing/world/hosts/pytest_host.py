@@ -1,8 +1,8 @@
 """Runs tests in worlds, as `pytest_worlds` asks for them.
 
-``python -m crtk_drivers.testing.world.pytest_host JSON``: JSON has the arguments of pytest, and modules that
-are imported first. A forked child collects one file, begins a world, and runs tests of the file in it, one
-after the other.
+``python -m crtk_drivers.testing.world.hosts.pytest_host JSON``: JSON has the arguments of pytest, and
+modules that are imported first. A forked child collects one file, begins a world, and runs tests of the file
+in it, one after the other.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import importlib
 import json
 from contextlib import suppress
 
-from crtk_drivers.testing.world import forking
-from crtk_drivers.testing.world.kernel import NotSimulated
+from crtk_drivers.testing.world.hosts import forking
+from crtk_drivers.testing.world.machine.kernel import NotSimulated
 
 
 def main() -> None:
@@ -25,7 +25,7 @@ def main() -> None:
 
     import pytest
 
-    from crtk_drivers.testing.world.pytest_inside import Inside
+    from crtk_drivers.testing.world.hosts.pytest_inside import Inside
 
     pytest.main(given["arguments"], plugins=[Inside(requests)])
 

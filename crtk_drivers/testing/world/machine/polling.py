@@ -11,9 +11,16 @@ from typing import Any, Final, TypeVar
 
 from typing_extensions import override
 
-from crtk_drivers.testing.world import files
-from crtk_drivers.testing.world.files import ERROR, HANG_UP, READ, WRITE, OpenFile, number_of
-from crtk_drivers.testing.world.kernel import NotSimulated, Waiters, here, running
+from crtk_drivers.testing.world.machine import files
+from crtk_drivers.testing.world.machine.files import (
+    ERROR,
+    HANG_UP,
+    READ,
+    WRITE,
+    OpenFile,
+    number_of,
+)
+from crtk_drivers.testing.world.machine.kernel import NotSimulated, Waiters, here, running
 
 _URGENT: Final = select.POLLPRI
 _REFUSED: Final = {

@@ -1,7 +1,7 @@
 """Runs worlds whose scenarios are in a file.
 
-``python -m crtk_drivers.testing.world.world_host FILE [MODULE ...]``: FILE has scenarios at its top level.
-The MODULEs are imported before it. Each request names one of them, its seed and its options.
+``python -m crtk_drivers.testing.world.hosts.world_host FILE [MODULE ...]``: FILE has scenarios at its top
+level. The MODULEs are imported before it. Each request names a scenario, its seed and its options.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from crtk_drivers.testing.world import forking
-from crtk_drivers.testing.world.forking import RefusedError, Requests
+from crtk_drivers.testing.world.hosts import forking
+from crtk_drivers.testing.world.hosts.forking import RefusedError, Requests
 
 NAME: Final = "crtk_world_scenarios"
 _HERE: Final = "/proc/self/cwd"

@@ -19,8 +19,14 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import Pose, vector
 from crtk_drivers.state import StateCommand
-from crtk_drivers.testing.world.acting import LOOKS, MOMENT, PATIENCE, User
-from crtk_drivers.testing.world.streaming import CYCLE, PERIODS, SLOW_PERIODS, stream, stream_once
+from crtk_drivers.testing.world.promises.acting import LOOKS, MOMENT, PATIENCE, User
+from crtk_drivers.testing.world.promises.streaming import (
+    CYCLE,
+    PERIODS,
+    SLOW_PERIODS,
+    stream,
+    stream_once,
+)
 
 _JUMP: Final = 0.6
 """s at full speed that a jump is long."""

@@ -14,12 +14,12 @@ from functools import partial
 from typing import Final
 
 from crtk_drivers.errors import CrtkError, DeviceError
-from crtk_drivers.testing.world import operations as script
-from crtk_drivers.testing.world.acting import MOMENT, PATIENCE, User
-from crtk_drivers.testing.world.judges import judge
-from crtk_drivers.testing.world.kernel import NS
-from crtk_drivers.testing.world.streaming import stream
-from crtk_drivers.testing.world.subject import Scene, Setting, Subject
+from crtk_drivers.testing.world.machine.kernel import NS
+from crtk_drivers.testing.world.promises import operations as script
+from crtk_drivers.testing.world.promises.acting import MOMENT, PATIENCE, User
+from crtk_drivers.testing.world.promises.judges import judge
+from crtk_drivers.testing.world.promises.streaming import stream
+from crtk_drivers.testing.world.promises.subject import Scene, Setting, Subject
 from crtk_drivers.testing.world.world import World
 
 COMES_BACK: Final = 15.0

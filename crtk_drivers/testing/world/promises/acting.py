@@ -18,7 +18,7 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.samples import Vector
 from crtk_drivers.state import OperatingState, StateCommand
-from crtk_drivers.testing.world.subject import Scene
+from crtk_drivers.testing.world.promises.subject import Scene
 from crtk_drivers.testing.world.world import World
 
 MOMENT: Final = 0.01

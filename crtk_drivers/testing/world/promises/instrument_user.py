@@ -17,11 +17,17 @@ from crtk_drivers.errors import CommandRefused, CrtkError, DataTimeout, Reason, 
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Wrench, vector
 from crtk_drivers.state import OperatingState, StateCommand
-from crtk_drivers.testing.world.acting import MOMENT, attempt
-from crtk_drivers.testing.world.instrument import RAW, ForceSensor, Instrument, Numbers, Sight
-from crtk_drivers.testing.world.instrument_judges import judge
-from crtk_drivers.testing.world.judges import CLOCKS, SETTLED
-from crtk_drivers.testing.world.user import COMES_BACK, close, connects, storm
+from crtk_drivers.testing.world.promises.acting import MOMENT, attempt
+from crtk_drivers.testing.world.promises.instrument import (
+    RAW,
+    ForceSensor,
+    Instrument,
+    Numbers,
+    Sight,
+)
+from crtk_drivers.testing.world.promises.instrument_judges import judge
+from crtk_drivers.testing.world.promises.judges import CLOCKS, SETTLED
+from crtk_drivers.testing.world.promises.user import COMES_BACK, close, connects, storm
 from crtk_drivers.testing.world.world import World
 
 _PATIENCE: Final = 10.0

@@ -20,7 +20,7 @@ import pytest
 from crtk_drivers.testing import world
 
 if TYPE_CHECKING:
-    from crtk_drivers.testing.world.host_process import HostProcess
+    from crtk_drivers.testing.world.hosts.host_process import HostProcess
 
 MARKER: Final = "world"
 LIMIT: Final = 120.0
@@ -84,7 +84,7 @@ class _Worlds:
         self._close()
 
     def _run(self, item: pytest.Item, following: pytest.Item | None) -> Iterator[pytest.TestReport]:
-        from crtk_drivers.testing.world.host_process import WorldError
+        from crtk_drivers.testing.world.hosts.host_process import WorldError
 
         begun = time.perf_counter()
         if following is not None and not (_is_marked(following) and following.path == item.path):
@@ -130,7 +130,7 @@ class _Worlds:
         return self._host.receive()
 
     def _started(self) -> HostProcess:
-        from crtk_drivers.testing.world.host_process import HostProcess
+        from crtk_drivers.testing.world.hosts.host_process import HostProcess
 
         option = self._config.option
         arguments = [
@@ -146,7 +146,7 @@ class _Worlds:
         ]
         return HostProcess(
             "tests",
-            "crtk_drivers.testing.world.pytest_host",
+            "crtk_drivers.testing.world.hosts.pytest_host",
             [json.dumps({"arguments": arguments, "preload": _modules()})],
             {"PYTEST_ADDOPTS": ""},
         )

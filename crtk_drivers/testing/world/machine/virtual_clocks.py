@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from typing_extensions import override
 
-from crtk_drivers.testing.world.kernel import EPOCH, NS, running
+from crtk_drivers.testing.world.machine.kernel import EPOCH, NS, running
 
 _real_monotonic_ns: Final = time.monotonic_ns
 _real_time_ns: Final = time.time_ns

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from typing_extensions import override
 
-from crtk_drivers.testing.world.kernel import Kernel, Task, Waiters, here, running
+from crtk_drivers.testing.world.machine.kernel import Kernel, Task, Waiters, here, running
 
 _IMPORTER: Final = object()
 """Who holds a lock before the world has begun, when there is one thread."""

@@ -17,7 +17,7 @@ from typing_extensions import override
 from crtk_drivers.engine import Engine
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Pose, Stamp, Value, Wrench
-from crtk_drivers.testing.world.subject import PERIOD, Installed, Setting
+from crtk_drivers.testing.world.promises.subject import PERIOD, Installed, Setting
 from crtk_drivers.testing.world.world import World
 
 _REMEMBERED: Final = 1000

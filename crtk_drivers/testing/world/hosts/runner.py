@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from crtk_drivers.testing.world.forking import AGAIN
-from crtk_drivers.testing.world.host_process import PATIENCE, HostProcess, WorldError
+from crtk_drivers.testing.world.hosts.forking import AGAIN
+from crtk_drivers.testing.world.hosts.host_process import PATIENCE, HostProcess, WorldError
 from crtk_drivers.testing.world.world_outcome import Outcome
 
 
@@ -26,7 +26,7 @@ class Host(HostProcess):
 
     def __init__(self, file: Path, preload: Sequence[str] = (), *, fixed: bool = True) -> None:
         self.file = file
-        module = "crtk_drivers.testing.world.world_host"
+        module = "crtk_drivers.testing.world.hosts.world_host"
         super().__init__(str(file), module, [str(file), *preload, *(() if fixed else (AGAIN,))])
 
     def ask(

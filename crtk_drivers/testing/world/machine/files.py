@@ -15,7 +15,7 @@ from typing import Any, Final, Never
 
 from typing_extensions import Buffer, override
 
-from crtk_drivers.testing.world.kernel import NotSimulated, Waiters, here, running
+from crtk_drivers.testing.world.machine.kernel import NotSimulated, Waiters, here, running
 
 READ: Final = select.POLLIN
 WRITE: Final = select.POLLOUT

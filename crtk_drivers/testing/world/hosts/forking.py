@@ -23,7 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from crtk_drivers.testing.world import patches
+from crtk_drivers.testing.world.machine import patches
 
 AGAIN: Final = "--addresses-fixed"
 """Last argument of a process that starts no more anew: addresses are fixed, or need not be."""

@@ -13,10 +13,11 @@ from typing import Any, Final, TypeVar
 
 from typing_extensions import Buffer
 
-from crtk_drivers.testing.world import files
-from crtk_drivers.testing.world.files import READ, WRITE, fail
-from crtk_drivers.testing.world.kernel import NS, NotSimulated, here
-from crtk_drivers.testing.world.network import Address, Endpoint, Passed, drop
+from crtk_drivers.testing.world.machine import files
+from crtk_drivers.testing.world.machine.endpoints import Endpoint, Passed, drop
+from crtk_drivers.testing.world.machine.files import READ, WRITE, fail
+from crtk_drivers.testing.world.machine.kernel import NS, NotSimulated, here
+from crtk_drivers.testing.world.machine.network import Address
 
 _KIND_MASK: Final = 0xF
 _SO_TIMESTAMP: Final = 29

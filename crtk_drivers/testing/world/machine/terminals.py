@@ -16,10 +16,10 @@ from typing import Any, Final
 
 from typing_extensions import Buffer, override
 
-from crtk_drivers.testing.world import files
-from crtk_drivers.testing.world.files import ERROR, HANG_UP, READ, WRITE, OpenFile, fail
-from crtk_drivers.testing.world.kernel import NS, NotSimulated, here
-from crtk_drivers.testing.world.network import network
+from crtk_drivers.testing.world.machine import files
+from crtk_drivers.testing.world.machine.endpoints import network
+from crtk_drivers.testing.world.machine.files import ERROR, HANG_UP, READ, WRITE, OpenFile, fail
+from crtk_drivers.testing.world.machine.kernel import NS, NotSimulated, here
 
 ROOM: Final = 4095
 """Bytes that a terminal takes that nobody reads."""

@@ -19,11 +19,11 @@ from crtk_drivers.commands import find
 from crtk_drivers.errors import CommandRefused
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.state import OperatingState, StateCommand
-from crtk_drivers.testing.world import judges
-from crtk_drivers.testing.world.acting import MOMENT, attempt
-from crtk_drivers.testing.world.judges import Judge
-from crtk_drivers.testing.world.subject import Installed, Scene, Subject
-from crtk_drivers.testing.world.user import COMES_BACK, close, connects, kill, storm
+from crtk_drivers.testing.world.promises import judges
+from crtk_drivers.testing.world.promises.acting import MOMENT, attempt
+from crtk_drivers.testing.world.promises.judges import Judge
+from crtk_drivers.testing.world.promises.subject import Installed, Scene, Subject
+from crtk_drivers.testing.world.promises.user import COMES_BACK, close, connects, kill, storm
 from crtk_drivers.testing.world.world import World
 
 FELT: Final = 0.02

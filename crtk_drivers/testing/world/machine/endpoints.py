@@ -1,4 +1,4 @@
-"""What is behind the sockets of a world: TCP, UDP and Unix sockets on one machine, with a network's weather.
+"""What is behind a socket of a world: TCP, UDP or Unix, on one machine, with a network's weather.
 
 A TCP connection keeps its order, whatever the weather: a late piece makes those behind it late. A datagram
 may be lost, doubled or overtaken. Unix sockets lose nothing.
@@ -13,11 +13,11 @@ import stat
 import struct
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 from typing_extensions import Buffer, override
 
-from crtk_drivers.testing.world.files import (
+from crtk_drivers.testing.world.machine.files import (
     ERROR,
     HANG_UP,
     PEER_ENDED,
@@ -27,10 +27,16 @@ from crtk_drivers.testing.world.files import (
     fail,
     held,
 )
-from crtk_drivers.testing.world.kernel import EPOCH, NS, NotSimulated, Process, here
+from crtk_drivers.testing.world.machine.kernel import EPOCH, NS, NotSimulated, Process, here
+from crtk_drivers.testing.world.machine.network import (
+    ANYWHERE,
+    LOOPBACK,
+    Address,
+    Network,
+    is_local,
+    unix_key,
+)
 
-Address = Any
-"""As Python's sockets have it: host and port, or a path; bytes for an abstract name."""
 Found = TypeVar("Found")
 Passed = list[int | OpenFile]
 """Descriptors on their way: files of the world, and numbers of real ones."""
@@ -46,143 +52,24 @@ _JITTER: Final = NS // 1000
 """ns within which datagrams keep their order; what is later than this is overtaken."""
 _CONNECTING_AGAIN: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """s after which it is tried again to connect to one who does not answer, as Linux does."""
-_TIME_WAIT: Final = 60 * NS
-"""For so long, the port of a connection that this side has ended first is in use."""
-_ANYWHERE: Final = "0.0.0.0"
-_LOOPBACK: Final = "127.0.0.1"
 _KINDS: Final = (socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_SEQPACKET)
-_REUSE: Final = (socket.SOL_SOCKET, socket.SO_REUSEADDR)
 _LINGER: Final = (socket.SOL_SOCKET, socket.SO_LINGER)
 _real_close: Final = os.close
 
 
-class Weather(Protocol):
-    """What becomes of what is sent."""
-
-    def stream_piece(self, size: int) -> tuple[float, int]:
-        """Return the s that a piece of a TCP stream takes, and where it is cut in two (0: nowhere)."""
-
-    def handshake(self) -> float:
-        """Return the s that one way of connecting or ending takes."""
-
-    def moment(self) -> float:
-        """Return the s that something takes within the machine, whatever the network does."""
-
-    def datagram(self) -> list[float]:
-        """Return the s after which a datagram arrives, of each copy; empty if it is lost."""
-
-
-class Network:
-    """Addresses of a world, and its weather.
-
-    Attributes:
-        bound: who has a path or an abstract name, and who receives datagrams at an address or listens there.
-        streams: one end of each TCP connection, for a fault to choose from.
-        packets: how many were sent.
-    """
-
-    def __init__(self, weather: Weather) -> None:
-        self.weather = weather
-        self.bound: dict[tuple[int, int, Any], Endpoint] = {}
-        self.streams: list[Endpoint] = []
-        self.packets = 0
-        self._ports: dict[Endpoint, None] = {}  # all TCP sockets that have one
-        self._ended: list[
-            tuple[int, Address]
-        ] = []  # until when a port is in use after a connection
-        self._port = 40_000
-
-    def free_port(self) -> int:
-        """Return a port that nobody has had."""
-        self._port += 1
-        return self._port
-
-    def at(self, kind: int, address: Address) -> Endpoint | None:
-        """Return who listens at an address of the internet, or receives datagrams there."""
-        found = self.bound.get((socket.AF_INET, kind, address))
-        return found or self.bound.get((socket.AF_INET, kind, (_ANYWHERE, address[1])))
-
-    def of_path(self, address: Address) -> Endpoint | None:
-        """Return which Unix socket has a name.
-
-        Raises:
-            OSError: there is no such file (ENOENT).
-        """
-        return self.bound.get((socket.AF_UNIX, 0, _unix_key(address)))
-
-    def claim(self, endpoint: Endpoint, address: Address) -> None:
-        """Give a socket an address of the internet.
-
-        Raises:
-            OSError: another one has it (EADDRINUSE).
-        """
-        host, port = address
-        may_share = bool(endpoint.options.get(_REUSE))
-        if endpoint.is_tcp:
-            self._ended = [each for each in self._ended if each[0] > here().now]
-            taken = [name for _, name in self._ended] if not may_share else []
-            taken += [
-                each.name
-                for each in self._ports
-                if not (may_share and each.options.get(_REUSE) and each.backlog < 0)
-            ]
-        else:
-            taken = [
-                name
-                for (family, kind, name), each in self.bound.items()
-                if (family, kind) == (socket.AF_INET, socket.SOCK_DGRAM)
-                and not (may_share and each.options.get(_REUSE))
-            ]
-        for name in taken:
-            if name[1] == port and (name[0] == host or _ANYWHERE in (host, name[0])):
-                fail(errno.EADDRINUSE)
-        self.have_port(endpoint, address)
-
-    def have_port(self, endpoint: Endpoint, address: Address) -> None:
-        """Note the address of a socket of the internet."""
-        endpoint.name = address
-        if endpoint.is_tcp:
-            self._ports[endpoint] = None
-        else:
-            self.bound[socket.AF_INET, socket.SOCK_DGRAM, address] = endpoint
-
-    def forget(self, endpoint: Endpoint, *, waits: bool = False) -> None:
-        """Free the addresses of a socket; that of a connection may be in use for a time."""
-        for key in [key for key, each in self.bound.items() if each is endpoint]:
-            del self.bound[key]
-        if endpoint in self._ports:
-            del self._ports[endpoint]
-            if waits:
-                self._ended.append((here().now + _TIME_WAIT, endpoint.name))
-        if endpoint in self.streams:
-            self.streams.remove(endpoint)
-
-
-def _unix_key(address: Address) -> Any:
-    """Return by what a Unix socket is found: its abstract name, or its file."""
-    if isinstance(address, bytes):
-        return address
-    status = os.stat(address)
-    return status.st_dev, status.st_ino
-
-
-def _is_here(host: str) -> bool:
-    return host == _ANYWHERE or host.startswith("127.")
-
-
 class _Current:
-    network: Network | None = None
+    network: Network[Endpoint] | None = None
 
 
 _current = _Current()
 
 
-def begin(network: Network) -> None:
+def begin(network: Network[Endpoint]) -> None:
     """Let sockets be in this network."""
     _current.network = network
 
 
-def network() -> Network:
+def network() -> Network[Endpoint]:
     """Return the network of this world."""
     here()  # which says so when there is none
     assert _current.network is not None
@@ -213,7 +100,7 @@ class Endpoint(OpenFile):
         self.family = family
         self.kind = kind
         self.owner: Process = owner or here().process
-        self.name: Address = (_ANYWHERE, 0) if family == socket.AF_INET else ""
+        self.name: Address = (ANYWHERE, 0) if family == socket.AF_INET else ""
         self.peer_name: Address = None
         self.peer: Endpoint | None = None
         self.error = 0
@@ -334,7 +221,7 @@ class Endpoint(OpenFile):
         host, port = address
         if self.name[1]:
             fail(errno.EINVAL)
-        if not _is_here(host):
+        if not is_local(host):
             fail(errno.EADDRNOTAVAIL)
         network().claim(self, (host, port or network().free_port()))
 
@@ -350,7 +237,7 @@ class Endpoint(OpenFile):
         elif (socket.AF_UNIX, 0, address) in bound:
             fail(errno.EADDRINUSE)
         self.name = address
-        bound[socket.AF_UNIX, 0, _unix_key(address)] = self
+        bound[socket.AF_UNIX, 0, unix_key(address)] = self
 
     def listen(self, backlog: int) -> None:
         """As `socket.listen`."""
@@ -360,7 +247,7 @@ class Endpoint(OpenFile):
             fail(errno.EINVAL)
         if self.is_internet:
             if not self.name[1]:
-                self.bind((_ANYWHERE, 0))
+                self.bind((ANYWHERE, 0))
             network().bound[socket.AF_INET, self.kind, self.name] = self
         self._state = _LISTENING
         self.backlog = max(0, backlog)
@@ -402,11 +289,11 @@ class Endpoint(OpenFile):
         if not self.is_internet:
             return self._connect_unix(address, waits=waits)
         host, port = address
-        self.peer_name = (_LOOPBACK, port) if host == _ANYWHERE else (host, port)
+        self.peer_name = (LOOPBACK, port) if host == ANYWHERE else (host, port)
         if self.name[1] == 0:
-            network().have_port(self, (_LOOPBACK, network().free_port()))
-        elif self.name[0] == _ANYWHERE:
-            self.name = _LOOPBACK, self.name[1]
+            network().have_port(self, (LOOPBACK, network().free_port()))
+        elif self.name[0] == ANYWHERE:
+            self.name = LOOPBACK, self.name[1]
         self._state, self._is_told = _CONNECTING, waits
         here().after(network().weather.handshake(), lambda: self._knock(0))
         return errno.EINPROGRESS
@@ -422,12 +309,12 @@ class Endpoint(OpenFile):
             self.peer_name = address
             return 0
         host, port = address
-        self.peer_name = (_LOOPBACK, port) if host == _ANYWHERE else (host, port)
+        self.peer_name = (LOOPBACK, port) if host == ANYWHERE else (host, port)
         if self.name[1] == 0:
-            network().have_port(self, (_LOOPBACK, network().free_port()))
-        elif self.name[0] == _ANYWHERE:
+            network().have_port(self, (LOOPBACK, network().free_port()))
+        elif self.name[0] == ANYWHERE:
             network().forget(self)
-            network().have_port(self, (_LOOPBACK, self.name[1]))
+            network().have_port(self, (LOOPBACK, self.name[1]))
         return 0
 
     def _connect_unix(self, address: Address, *, waits: bool) -> int:
@@ -454,7 +341,7 @@ class Endpoint(OpenFile):
         if not self.is_open or self._state != _CONNECTING:
             return
         listener = network().at(self.kind, self.peer_name)
-        is_silent = not _is_here(self.peer_name[0]) or (
+        is_silent = not is_local(self.peer_name[0]) or (
             listener is not None
             and (listener.owner.vanished or len(listener.pending) > listener.backlog)
         )
@@ -613,7 +500,7 @@ class Endpoint(OpenFile):
         if not address[1]:
             fail(errno.EINVAL)
         if self.name[1] == 0:
-            self.bind((_ANYWHERE, 0))
+            self.bind((ANYWHERE, 0))
         network().packets += 1
         kernel = here()
         kernel.note("sent", self.label, piece)
@@ -627,11 +514,11 @@ class Endpoint(OpenFile):
 
     def _land(self, data: bytes, address: Address) -> None:
         host, port = address
-        peer = network().at(self.kind, (_LOOPBACK if host == _ANYWHERE else host, port))
-        source = _LOOPBACK if self.name[0] == _ANYWHERE else self.name[0], self.name[1]
+        peer = network().at(self.kind, (LOOPBACK if host == ANYWHERE else host, port))
+        source = LOOPBACK if self.name[0] == ANYWHERE else self.name[0], self.name[1]
         if peer is not None and peer.owner.vanished:
             return
-        if not _is_here(host) and peer is None:
+        if not is_local(host) and peer is None:
             return
         if peer is None or peer.peer_name not in (None, source):
             if self.peer_name is not None and self.is_open:

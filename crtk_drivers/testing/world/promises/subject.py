@@ -23,7 +23,7 @@ from crtk_drivers.samples import Stamp
 from crtk_drivers.session import start_sim_of
 from crtk_drivers.state import OperatingState, Status
 from crtk_drivers.status.board import Observer
-from crtk_drivers.testing.world.kernel import NS, Process
+from crtk_drivers.testing.world.machine.kernel import NS, Process
 from crtk_drivers.testing.world.troubles import LATENESS
 from crtk_drivers.testing.world.world import World
 

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
-from crtk_drivers.testing.world.forking import HANG_FILE, HANG_SIGNAL, folder_prefix
+from crtk_drivers.testing.world.hosts.forking import HANG_FILE, HANG_SIGNAL, folder_prefix
 
 PATIENCE: Final = 180.0
 """s of real time within which a world must have ended."""

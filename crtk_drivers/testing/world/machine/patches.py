@@ -25,7 +25,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any, Final, NoReturn
 
-from crtk_drivers.testing.world import (
+from crtk_drivers.testing.world.machine import (
     files,
     polling,
     task_locks,
@@ -33,7 +33,7 @@ from crtk_drivers.testing.world import (
     virtual_clocks,
     world_sockets,
 )
-from crtk_drivers.testing.world.kernel import NotSimulated, running
+from crtk_drivers.testing.world.machine.kernel import NotSimulated, running
 
 _TOO_LATE: Final = (
     "asyncio",
@@ -243,7 +243,7 @@ def _put_processes() -> None:
     import subprocess
     import threading
 
-    from crtk_drivers.testing.world import processes
+    from crtk_drivers.testing.world.machine import processes
 
     _put(subprocess, {"Popen": processes.Popen})
     _put(

@@ -1,6 +1,6 @@
 """The promises of every device that measures, judged by what acts on its simulator: one class for each.
 
-See `crtk_drivers.testing.world.judges`, of which two look here as well.
+See `crtk_drivers.testing.world.promises.judges`, of which two look here as well.
 """
 
 from __future__ import annotations
@@ -8,10 +8,17 @@ from __future__ import annotations
 import math
 from typing import Final, Protocol
 
-from crtk_drivers.testing.world.instrument import BIASED, RAW, ForceSensor, Found, Missing, Sight
-from crtk_drivers.testing.world.judges import CLOCKS, SETTLED, Fresh, Stuck
-from crtk_drivers.testing.world.kernel import EPOCH, NS
-from crtk_drivers.testing.world.subject import PERIOD
+from crtk_drivers.testing.world.machine.kernel import EPOCH, NS
+from crtk_drivers.testing.world.promises.instrument import (
+    BIASED,
+    RAW,
+    ForceSensor,
+    Found,
+    Missing,
+    Sight,
+)
+from crtk_drivers.testing.world.promises.judges import CLOCKS, SETTLED, Fresh, Stuck
+from crtk_drivers.testing.world.promises.subject import PERIOD
 
 
 class _Judge(Protocol):

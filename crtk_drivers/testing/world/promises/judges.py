@@ -18,8 +18,8 @@ from crtk_drivers.engine import Engine
 from crtk_drivers.engine.threads import STALL_LIMIT, WATCHDOG_PERIOD
 from crtk_drivers.samples import JointState
 from crtk_drivers.state import StateCommand
-from crtk_drivers.testing.world.kernel import EPOCH, NS, Task
-from crtk_drivers.testing.world.subject import PERIOD, Scene, Setting
+from crtk_drivers.testing.world.machine.kernel import EPOCH, NS, Task
+from crtk_drivers.testing.world.promises.subject import PERIOD, Scene, Setting
 
 _LOOKS: Final = 0.2
 """s that it may take until a change shows: a speed is measured over 20 ms, and cycles take time."""

@@ -15,8 +15,8 @@ import pytest
 from _pytest.assertion.rewrite import AssertionRewritingHook
 from _pytest.runner import runtestprotocol
 
-from crtk_drivers.testing.world import forking
-from crtk_drivers.testing.world.forking import Requests
+from crtk_drivers.testing.world.hosts import forking
+from crtk_drivers.testing.world.hosts.forking import Requests
 from crtk_drivers.testing.world.world import World
 
 _MOST: Final = 1 << 20

@@ -25,8 +25,8 @@ from typing import Any, Final, TextIO
 
 from typing_extensions import override
 
-from crtk_drivers.testing.world import files
-from crtk_drivers.testing.world.kernel import NotSimulated, Process, here, running
+from crtk_drivers.testing.world.machine import files
+from crtk_drivers.testing.world.machine.kernel import NotSimulated, Process, here, running
 
 _real_getpid, _real_signal, _real_getsignal = os.getpid, signal.signal, signal.getsignal
 _real_main_thread, _real_threads = threading.main_thread, threading.enumerate
