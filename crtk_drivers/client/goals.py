@@ -18,7 +18,8 @@ JOINT_TOLERANCE = 1e-3
 """Radians or metres by which the setpoint at the end of a move may differ from its goal."""
 LINEAR_TOLERANCE = 1e-3
 ANGULAR_TOLERANCE = 5e-3
-
+SETTLE_TIME = 0.5
+"""Seconds after busy in which the setpoint must be at the goal."""
 
 MOST_GOALS: Final = 20
 """Moves of which the goals are remembered."""
@@ -86,16 +87,22 @@ def arrival_of(
 
 
 def _is_at(setpoint: Inbox, goal: Value | None) -> bool | None:
-    latest = setpoint.readable()
-    if latest is None or latest.wall_ns == 0 or goal is None:
+    told = setpoint.readable()
+    if told is None or goal is None or _is_silent(setpoint):
         return None
-    return _near(latest.value, goal)
+    return _near(told.value, goal)
+
+
+def _is_silent(setpoint: Inbox) -> bool:
+    """Whether only invalid setpoints have come for too long to be a few that came late."""
+    valid, latest = setpoint.valid, setpoint.latest
+    return valid is None or (latest is not None and latest.arrived - valid.arrived > SETTLE_TIME)
 
 
 def _told_at(setpoint: Inbox) -> Callable[[], float]:
     def at() -> float:
-        latest = setpoint.latest
-        return -math.inf if latest is None else latest.arrived
+        told = setpoint.latest if _is_silent(setpoint) else setpoint.valid
+        return -math.inf if told is None else told.arrived
 
     return at
 

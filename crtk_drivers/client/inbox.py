@@ -128,6 +128,8 @@ class Inbox:
         latched: whether what was said before a subscription arrives with it.
 
     Attributes:
+        latest: the newest message.
+        valid: the newest message with a stamp; the stamp 0 marks what is not valid.
         unreadable: how many messages could not be read.
         problem: why the newest message cannot be read; empty if it can, or was not read yet.
     """
@@ -139,6 +141,7 @@ class Inbox:
         self.kind = kind
         self.latched = latched
         self.latest: Received | None = None
+        self.valid: Received | None = None
         self.subscription: Any = None
         self.unreadable = 0
         self.problem = ""
@@ -182,6 +185,8 @@ class Inbox:
             serial = 1 if last is None else last.serial + 1
             since = last.since if last is not None and wall_ns == last.wall_ns else now
             self.latest = received = Received(data, self.kind, wall_ns, since, serial, now)
+            if wall_ns:
+                self.valid = received
             self.problem = ""
             listeners = self._listeners
             self._arrived.notify_all()
@@ -209,9 +214,9 @@ class Inbox:
             logger.warning("a message on %s cannot be read: %s", self.topic, error)
 
     def readable(self) -> Received | None:
-        """Return the newest message; None if there is none, or if it has no value."""
-        latest = self.latest
-        return latest if latest is not None and self._can_read(latest) else None
+        """Return the newest message that is valid; None if there is none, or if it has no value."""
+        valid = self.valid
+        return valid if valid is not None and self._can_read(valid) else None
 
     def _can_read(self, received: Received) -> bool:
         try:

@@ -16,6 +16,7 @@ from collections.abc import Callable
 
 from typing_extensions import override
 
+from crtk_drivers.client.goals import SETTLE_TIME
 from crtk_drivers.errors import CommandRefused, ConnectionLost, MotionAborted
 from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.state import OperatingState, Status
@@ -32,8 +33,6 @@ REFUSAL_TIME = 0.3
 """Seconds after a busy pulse in which the refusal that may be its cause arrives."""
 REPEATED_REFUSAL_TIME = 3.0
 """The same if a refusal of the same command was told a moment ago: the next one is held back for 2 s."""
-SETTLE_TIME = 0.5
-"""Seconds after busy in which the setpoint must be at the goal."""
 UNTOLD = 5.0
 """Seconds after busy after which it is judged by what was told before that: no setpoint is told any more."""
 START_TIMEOUT = 10.0
@@ -164,8 +163,9 @@ class RemoteMove(Move):
             return
         if self._idle_since is None:
             return
+        told_at = self._told_at()  # first: what comes between the two is judged by the next look
         arrived = self._at_goal()
-        is_told = self._told_at() - self._idle_since > SETTLE_TIME or idle > UNTOLD
+        is_told = told_at - self._idle_since > SETTLE_TIME or idle > UNTOLD
         if arrived is False and idle > SETTLE_TIME and is_told:
             self.finish(Outcome.ABORTED, "it stopped away from its goal")
         elif arrived or (

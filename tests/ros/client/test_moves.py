@@ -8,13 +8,18 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState as JointStateMessage
 
 from crtk_drivers.client import RemoteDevice, connect, move_handle
+from crtk_drivers.client.goals import arrival_of
+from crtk_drivers.client.inbox import Inbox
 from crtk_drivers.client.move_handle import RemoteMove
+from crtk_drivers.commands import find
 from crtk_drivers.device import Condition
 from crtk_drivers.errors import CommandRefused, MotionAborted, Reason, TransitionFailed
 from crtk_drivers.motion.move import Outcome
-from crtk_drivers.samples import Pose
+from crtk_drivers.samples import JointState, Pose, vector
 from crtk_drivers.state import OperatingState, Status
 from rigs.loopback_client import Far, far_device
 from rigs.loopback_node import slowly
@@ -93,6 +98,21 @@ def test_a_stop_before_anything_of_the_way_was_told_is_no_arrival(
     told.append((False, time.monotonic()))
     assert not move.is_busy()
     assert move.outcome is Outcome.ABORTED
+
+
+def test_a_setpoint_that_is_not_valid_tells_of_no_arrival() -> None:
+    """A link that was late for a moment makes one setpoint invalid, perhaps the newest one."""
+    inbox = Inbox("/arm/setpoint_js", JointStateMessage)
+    message = JointStateMessage(position=HERE)
+    message.header.stamp.sec = 1
+    inbox.receive(serialize_message(message))
+    valid = inbox.latest
+    message.header.stamp.sec = 0
+    inbox.receive(serialize_message(message))
+    arrival = arrival_of(find("move_jp"), inbox, JointState(vector(THERE)), None, 1)
+    assert arrival.at_goal() is False
+    assert valid is not None
+    assert arrival.told_at() == valid.arrived
 
 
 def test_a_move_reaches_its_goal(far: Far) -> None:
