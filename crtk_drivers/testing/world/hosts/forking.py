@@ -23,6 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
+from crtk_drivers.testing.world import middleware
 from crtk_drivers.testing.world.machine import patches
 
 AGAIN: Final = "--addresses-fixed"
@@ -105,7 +106,8 @@ class Requests:
 
 
 def begin() -> tuple[Requests, list[str]]:
-    """Make this process one that forks worlds: fix its addresses, and patch the standard library.
+    """Make this process one that forks worlds: fix its addresses, and patch the standard library,
+    and rclpy once it is imported.
 
     Returns:
         The requests, and the arguments of the process.
@@ -116,6 +118,7 @@ def begin() -> tuple[Requests, list[str]]:
     signal.signal(HANG_SIGNAL, signal.SIG_IGN)
     requests = Requests()
     patches.install()
+    middleware.install()
     return requests, [each for each in sys.argv[1:] if each != AGAIN]
 
 

@@ -27,7 +27,7 @@ LIMIT: Final = 120.0
 """s of the world that a test may take, unless the marker or the setting `timeout` says otherwise."""
 _EXPECTED: Final = ("pytest.PytestAssertRewriteWarning", "RuntimeWarning:runpy")
 """Warnings to ignore in worlds: modules are imported before pytest, and before a child process runs them."""
-_NEVER: Final = ("crtk_drivers.ros", "crtk_drivers.testing.world")
+_NEVER: Final = ("crtk_drivers.testing.world",)
 """Modules that are not imported before worlds are forked: rclpy cannot be in one."""
 
 

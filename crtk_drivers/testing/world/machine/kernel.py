@@ -78,6 +78,7 @@ class Process:
         delayed: signals that came meanwhile.
         is_reaped: its parent knows how it has ended, and nobody finds it any more.
         at_exit: what `atexit` was given.
+        ended: called at its end, however that comes, in no task.
         standard: its ``sys.stdin``, ``sys.stdout`` and ``sys.stderr``.
     """
 
@@ -98,6 +99,7 @@ class Process:
         self.is_stopped = self.is_reaped = False
         self.delayed: list[int] = []
         self.at_exit: list[Callable[[], object]] = []
+        self.ended: list[Callable[[], object]] = []
         self.standard = sys.stdin, sys.stdout, sys.stderr
 
     @property
@@ -302,6 +304,8 @@ class Kernel:
             files, process.files = process.files, {}
             for file in files.values():
                 file.drop()
+        for tell in process.ended:
+            tell()
         self.wake(process.exited)
         if self.current is not None and self.current.process is process:
             self._hand_on(self.current)  # and never back

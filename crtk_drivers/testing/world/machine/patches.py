@@ -9,8 +9,10 @@ import _socket
 import _thread
 import atexit
 import builtins
+import contextlib
 import datetime
 import errno
+import faulthandler
 import fcntl
 import functools
 import importlib
@@ -129,6 +131,7 @@ def install() -> None:
         _put(module, new)
     _put(functools, {"RLock": task_locks.RLock})
     _put(random, {"_urandom": _urandom})
+    _put(faulthandler, {"enable": _enable_where_it_can(faulthandler.enable)})
     # `queue` has the same in Python.
     sys.modules["_queue"] = None  # type: ignore[assignment]
     _put_os()
@@ -211,6 +214,19 @@ def _put_os() -> None:
 
     _put(io, {"open": open_any})
     _put(builtins, {"open": open_any})
+
+
+def _enable_where_it_can(enable: Callable[..., None]) -> Callable[..., None]:
+    """Return `faulthandler.enable`, for whoever asks with a standard error that has no descriptor.
+
+    rclpy asks for it, also where pytest keeps what is printed.
+    """
+
+    def enabled(*given: Any, **more: Any) -> None:
+        with contextlib.suppress(io.UnsupportedOperation):
+            enable(*given, **more)
+
+    return enabled
 
 
 def _for_descriptors(theirs: Callable[..., Any], ours: Callable[..., Any]) -> Callable[..., Any]:
