@@ -13,9 +13,9 @@ from typing import Final, NamedTuple
 
 from world.subjects import SUBJECTS
 
-from crtk_drivers.testing.world import user
+from crtk_drivers.testing.world import far_user, user
 
-USE, CALM, FAREWELL, DIE, STILL = "use", "calm", "farewell", "die", "still"
+USE, CALM, FAREWELL, DIE, STILL, FAR = "use", "calm", "farewell", "die", "still", "far"
 
 SCENARIOS: Final = SimpleNamespace(
     **{
@@ -27,6 +27,7 @@ SCENARIOS: Final = SimpleNamespace(
             FAREWELL: user.farewell,
             DIE: user.die,
             STILL: user.still,
+            FAR: far_user.far,
         }.items()
     }
 )

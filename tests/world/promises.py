@@ -5,6 +5,7 @@ This file is imported by the host of a world, in patched Python, so it imports n
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Final
 
 from world.haptics import HAPTICS
@@ -13,13 +14,20 @@ from world.pedals import PEDALS
 from world.pedals import tread as tread_on
 from world.subjects import SUBJECTS
 
-from crtk_drivers.testing.world import World, instrument_user, pusher, user
+from crtk_drivers.testing.world import World, far_user, instrument_user, pusher, user
+
+HAS_ROS: Final = find_spec("rclpy") is not None
+if HAS_ROS:  # imported once, for all worlds
+    import crtk_drivers.client
+    import crtk_drivers.client.ros_link
+    import crtk_drivers.ros.serving  # noqa: F401
 
 SCENARIOS: Final = {
     "use": tuple(SUBJECTS),
     "farewell": tuple(SUBJECTS),
     "die": tuple(SUBJECTS),
     "still": tuple(SUBJECTS),
+    "far": tuple(SUBJECTS) if HAS_ROS else (),
     "watch": tuple(INSTRUMENTS),
     "push": tuple(HAPTICS),
     "tread": tuple(PEDALS),
@@ -45,6 +53,11 @@ def die(world: World, device: str) -> None:
 def still(world: World, device: str) -> None:
     """Let a device's simulator stand still."""
     user.still(world, SUBJECTS[device])
+
+
+def far(world: World, device: str) -> None:
+    """Use a device through its ROS 2 node, by clients that may die."""
+    far_user.far(world, SUBJECTS[device])
 
 
 def watch(world: World, device: str) -> None:

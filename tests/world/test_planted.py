@@ -22,6 +22,7 @@ SLOW = frozenset(
         "servo_that_is_silent_counts_as_read",
         "servos_are_not_told_to_stop",
         "setpoints_are_sent_though_nothing_is_heard",
+        "stop_counts_as_arrived_when_sent",
         "stop_waits_for_the_check_of_a_move",
         "two_locks_are_taken_in_two_orders",
         "upper_limit_of_a_move_is_not_checked",

@@ -1,6 +1,7 @@
 """Deterministic simulation: a driver and its simulator on one simulated machine, with virtual time.
 
 machine/   the simulated machine: scheduler, clocks, locks, files, sockets, terminals, processes
+middleware/    ROS 2 between its processes
 hosts/     the processes that worlds run in, and pytest in them
 promises/  users who do all that a device offers, and judges of what was promised
 troubles.py    bad weather and faults
@@ -15,6 +16,7 @@ user       scenarios for a subject: what users do
 Instrument a device that measures, whose truth is known; ForceSensor: one that measures forces
 Haptic     a haptic device whose force is known
 instrument_user, pusher    scenarios for these
+far_user   a scenario for a subject on the far side of ROS 2
 is_here    whether this process runs worlds: for a conftest.py
 
 Tests marked ``@pytest.mark.world`` run in worlds as they are: `pytest_worlds`.
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
     from crtk_drivers.testing.world.hosts.host_process import WorldError
     from crtk_drivers.testing.world.hosts.runner import Host, run, search, shrink
     from crtk_drivers.testing.world.machine.kernel import NotSimulated
-    from crtk_drivers.testing.world.promises import instrument_user, pusher, user
+    from crtk_drivers.testing.world.promises import far_user, instrument_user, pusher, user
     from crtk_drivers.testing.world.promises.instrument import ForceSensor, Instrument
     from crtk_drivers.testing.world.promises.pusher import Haptic
     from crtk_drivers.testing.world.promises.subject import Subject
@@ -46,6 +48,7 @@ __all__ = [
     "Subject",
     "World",
     "WorldError",
+    "far_user",
     "instrument_user",
     "is_here",
     "pusher",
@@ -67,6 +70,7 @@ _PLACES = {
     "Subject": "promises.subject",
     "World": "world",
     "WorldError": "hosts.host_process",
+    "far_user": "promises",
     "instrument_user": "promises",
     "pusher": "promises",
     "run": "hosts.runner",

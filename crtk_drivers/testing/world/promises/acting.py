@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.move import Move, Outcome
 from crtk_drivers.samples import Vector
 from crtk_drivers.state import OperatingState, StateCommand
-from crtk_drivers.testing.world.promises.subject import Scene
+from crtk_drivers.testing.world.promises.subject import Busy, Scene
 from crtk_drivers.testing.world.world import World
 
 MOMENT: Final = 0.01
@@ -66,23 +66,38 @@ class User:
         scene: with the driver connected.
 
     Attributes:
-        arm: the device.
+        arm: the device, as this user has it.
+        engine: of the driver.
+        is_far: whether ROS is between the two.
         random: the generator.
         lower, upper: range of its joints, in rad (m).
         other: a second client of the device.
         has_interfered: whether a service was asked for since the device was ENABLED: it may take its time.
     """
 
+    is_far = False
+    stop_takes = _STOP_TAKES
+
     def __init__(self, scene: Scene) -> None:
         assert scene.arm is not None
         self.scene = scene
-        self.arm: LocalDevice = scene.arm
+        self.arm: Any = scene.arm
+        self.engine = scene.arm.engine
         self.random = scene.world.random
-        capabilities = self.arm.engine.capabilities
+        capabilities = self.engine.capabilities
         self.lower = np.array([limit.lower for limit in capabilities.limits])
         self.upper = np.array([limit.upper for limit in capabilities.limits])
-        self.other = LocalDevice(self.arm._session)  # noqa: SLF001
+        self.other: Any = self.another()
         self.has_interfered = False
+
+    def another(self) -> Any:
+        """Return another client of the device."""
+        assert self.scene.arm is not None
+        return LocalDevice(self.scene.arm._session)  # noqa: SLF001 - a client in the same process
+
+    def leaves(self, client: Any) -> None:
+        """Let a client go away, whatever it does."""
+        client._client.leave()  # noqa: SLF001
 
     # Whatever it is
 
@@ -105,6 +120,8 @@ class User:
 
         def is_expected(error: CrtkError) -> bool:
             reason = error.reason if isinstance(error, CommandRefused) else None
+            if self.is_far and reason is not None:
+                return True  # of what was sent before: it is told when the next command is sent
             return may_fail or self.has_interfered or reason in {*_WAITS, *may_be}
 
         if name != "enable":
@@ -158,19 +175,23 @@ class User:
 
     # Motion
 
-    def send_move(self, goal: Vector, arm: LocalDevice | None = None) -> Move:
+    def send_move(self, goal: Vector, arm: Any = None) -> Move:
         """Send a move of the joints, of this client or of another one."""
         return self.send("move_jp", goal, arm)
 
-    def send(self, name: str, value: object, arm: LocalDevice | None = None) -> Move:
+    def send(self, name: str, value: object, arm: Any = None) -> Move:
         """Send a move by its name."""
         scene = self.scene
         with scene.sending(by_tool=find(name).space is Space.CARTESIAN):
             move: Move = getattr(arm or self.arm, name)(value)
-            scene.sent(move)
+            scene.sent(self.asked(move))
         return move
 
-    def stream(self, name: str, values: object, arm: LocalDevice | None = None) -> None:
+    def asked(self, move: Move) -> Busy:
+        """Return what says for how long a move is asked for."""
+        return move
+
+    def stream(self, name: str, values: object, arm: Any = None) -> None:
         """Send a setpoint of a stream."""
         command = find(name)
         by_tool = command.space is Space.CARTESIAN and command.kind is not Kind.EFFORT
@@ -179,7 +200,7 @@ class User:
 
     def silence(self, name: str) -> float:
         """Return the s without a command after which a stream has ended."""
-        return self.arm.engine.options.silence(find(name).level)
+        return self.engine.options.silence(find(name).level)
 
     def move(self, *, waits: bool, seen: float = SEEN) -> None:
         """Move, and wait until it is there, or not; it was there in the last `seen` s."""
@@ -227,7 +248,7 @@ class User:
 
     # Stops and states
 
-    def hold(self, arm: LocalDevice | None = None) -> None:
+    def hold(self, arm: Any = None) -> None:
         """Stop, by this client or by another one."""
         self._never_refused("hold", (arm or self.arm).hold)
         self.pause(0.1)
@@ -251,7 +272,7 @@ class User:
 
     def _never_refused(self, name: str, send: Callable[[], None]) -> None:
         """Send something that stops, with a fault around it in a wild world; it is never refused."""
-        scene, engine = self.scene, self.arm.engine
+        scene, engine = self.scene, self.engine
         world = scene.world
         if world.wild:
             world.troubles.around(MOMENT)
@@ -260,7 +281,7 @@ class User:
             with scene.stopping():
                 send()
             since = max(begun, scene.hindered)
-            if name == "hold" and scene.now - since > _STOP_TAKES:
+            if name == "hold" and scene.now - since > self.stop_takes:
                 world.find("a stop waits", f"hold took {scene.now - since:.3f} s")
         except CommandRefused as refusal:
             if was_connected and engine.connected and scene.closing is None:

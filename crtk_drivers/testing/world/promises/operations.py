@@ -15,7 +15,6 @@ import numpy as np
 from crtk_drivers.commands import Payload, Space, find
 from crtk_drivers.engine.services import OwnService, Request
 from crtk_drivers.errors import CommandRefused, CrtkError, Reason
-from crtk_drivers.front import LocalDevice
 from crtk_drivers.motion.move import Outcome
 from crtk_drivers.samples import Pose, vector
 from crtk_drivers.state import StateCommand
@@ -147,14 +146,14 @@ def _falls_silent(user: User) -> None:
     streams = [name for name in ("servo_jp", "servo_jv") if name in user.arm.crtk_commands]
     name = user.random.choice(streams)
     stream(user, name, 0.2)
-    stop = user.arm.engine.capabilities.stop.time
+    stop = user.engine.capabilities.stop.time
     time.sleep(user.silence(name) + user.random.choice((0.05, 0.3, stop + LOOKS)))
     stream(user, name, 0.2)
 
 
 def _nonsense(user: User) -> None:
     """Send what must be refused, or must not be carried out as it is."""
-    here, capabilities = user.set_last(), user.arm.engine.capabilities
+    here, capabilities = user.set_last(), user.engine.capabilities
     fastest = np.array([limit.velocity for limit in capabilities.limits])
     way = _JUMP * fastest * user.random.choice((-1.0, 1.0))
     chosen = user.random.choice(("nan", "short", "jump", "range"))
@@ -172,7 +171,7 @@ def _nonsense(user: User) -> None:
             user.send_move(values)
     except CommandRefused:
         return
-    if chosen != "jump":
+    if chosen != "jump" and not user.is_far:  # a refusal from far away may be late
         user.scene.world.find("nonsense is accepted", f"move_jp {values}")
 
 
@@ -187,7 +186,7 @@ def _stop_on_the_way(user: User) -> None:
         user.far_move()
         user.pause(user.random.choice((0.0, 0.02, 0.5)))
     user.stop_anyhow()
-    time.sleep(user.arm.engine.capabilities.stop.time + LOOKS)
+    time.sleep(user.engine.capabilities.stop.time + LOOKS)
 
 
 def _early_move(user: User) -> None:
@@ -202,7 +201,7 @@ def _early_move(user: User) -> None:
 
 def _free(user: User) -> None:
     """Let the arm be moved by hand, and take it back in some way or leave it so."""
-    engine, scene = user.arm.engine, user.scene
+    engine, scene = user.engine, user.scene
     scene.sends_free(user.arm.free)
     engine.wait_for(lambda: scene.is_free, _UNTIL_FREE)
     user.pause(0.5)
@@ -224,9 +223,9 @@ def _home(user: User) -> None:
     if is_stopped:
         user.pause(draw.choice((0.02, 0.5, 3.0)))
         user.stop_anyhow()
-        if arm.engine._transitions.running is StateCommand.HOME:  # noqa: SLF001 - no front says which
+        if user.engine._transitions.running is StateCommand.HOME:  # noqa: SLF001 - no front says which
             scene.world.find("home goes on after a stop", str(arm.operating_state()))
-        time.sleep(arm.engine.capabilities.stop.time + LOOKS)
+        time.sleep(user.engine.capabilities.stop.time + LOOKS)
     elif not (scene.world.wild or arm.is_homed()):
         scene.world.find("home contradicts is_homed", "home has ended, and it is not homed")
 
@@ -255,14 +254,14 @@ def _services(user: User) -> list[str]:
     left_out = user.scene.subject.without
     return [
         name
-        for name, service in user.arm.engine.services.items()
+        for name, service in user.engine.services.items()
         if not isinstance(service, OwnService) and name not in left_out
     ]
 
 
 def _service(user: User) -> None:
     """Ask for one of the device's own services, in any state and perhaps in a move."""
-    draw, engine, scene = user.random, user.arm.engine, user.scene
+    draw, engine, scene = user.random, user.engine, user.scene
     name = draw.choice(_services(user))
     scene.world.say(f"  {name}")
     user.has_interfered = True
@@ -286,14 +285,14 @@ def _service(user: User) -> None:
 
 
 def _inputs(user: User) -> list[str]:
-    inputs = user.arm.engine.inputs.items()
+    inputs = user.engine.inputs.items()
     return [name for name, taken in inputs if taken.payload in (Payload.FLAG, Payload.NUMBER)]
 
 
 def _input(user: User) -> None:
     """Give the device a value of its own that moves nothing: an output, or no number for a number."""
     name = user.random.choice(_inputs(user))
-    is_flag = user.arm.engine.inputs[name].payload is Payload.FLAG
+    is_flag = user.engine.inputs[name].payload is Payload.FLAG
     value = user.random.random() < 0.5 if is_flag else math.nan
     user.scene.world.say(f"  {name} {value}")
     try:
@@ -359,14 +358,14 @@ def _two_streams(user: User) -> None:
 
 def _client_goes(user: User) -> None:
     """Let a second client go away in the middle of its stream or move; somebody else goes on then."""
-    other = LocalDevice(user.arm._session)  # noqa: SLF001 - a client in the same process
+    other = user.another()
     if user.random.random() < 0.5:
         stream(user, "servo_jp", 0.2, arm=other)
     else:
         user.send_move(user.goal(), other)
         user.pause(0.2)
     user.scene.world.say("  it goes away")
-    other._client.leave()  # noqa: SLF001
+    user.leaves(other)
     user.pause(user.random.choice((0.05, 1.0)))
     user.move(waits=True)
 
@@ -412,25 +411,36 @@ OPERATIONS: Final = {
     "rest": Operation(act=lambda user: user.pause(0.6), weight=3),
     "early move": Operation(act=_early_move, needs=("move_jp",), weight=3, may_fail=True),
     "stop on the way": Operation(act=_stop_on_the_way, needs=("move_jp",), weight=6, may_fail=True),
-    "free": Operation(act=_free, needs=("free", "move_jp", "servo_jp"), weight=2),
+    "free": Operation(
+        act=_free,
+        needs=("free", "move_jp", "servo_jp"),
+        suits=lambda user: not user.is_far,
+        weight=2,
+    ),
     "home": Operation(
-        act=_home, suits=lambda user: user.arm.engine.capabilities.needs_homing, weight=2
+        act=_home, suits=lambda user: user.engine.capabilities.needs_homing, weight=2
     ),
     "unhome": Operation(
         act=_unhome,
-        suits=lambda user: user.arm.engine.capabilities.needs_homing,
+        suits=lambda user: user.engine.capabilities.needs_homing,
         in_any_state=True,
     ),
     "service": Operation(
         act=_service,
-        suits=lambda user: bool(_services(user)),
+        suits=lambda user: bool(_services(user)) and not user.is_far,
         weight=2,
         may_fail=True,
         in_any_state=True,
     ),
-    "input": Operation(act=_input, suits=lambda user: bool(_inputs(user)), in_any_state=True),
+    "input": Operation(
+        act=_input,
+        suits=lambda user: bool(_inputs(user)) and not user.is_far,
+        in_any_state=True,
+    ),
     "second client": Operation(act=_second_client, needs=("move_jp",), weight=3, may_fail=True),
-    "two streams": Operation(act=_two_streams, needs=("servo_jp",), weight=3),
+    "two streams": Operation(
+        act=_two_streams, needs=("servo_jp",), suits=lambda user: not user.is_far, weight=3
+    ),
     "client goes away": Operation(act=_client_goes, needs=("servo_jp", "move_jp")),
 }
 """All of them, by name. What finds most of the mistakes that are planted is chosen most often."""

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from crtk_drivers.commands import Kind, Space, find
-from crtk_drivers.front import LocalDevice
 from crtk_drivers.samples import Pose, Vector, vector
 from crtk_drivers.testing.world.promises.acting import User
 
@@ -54,7 +53,7 @@ def _velocities(user: User, _: float) -> Callable[[int], object]:
 
 
 def _efforts(user: User, _: float) -> Callable[[int], object]:
-    limits = [limit.effort for limit in user.arm.engine.capabilities.limits]
+    limits = [limit.effort for limit in user.engine.capabilities.limits]
     wanted = user.scene.subject.effort * user.signed(1.0) * np.array(limits)
     return lambda count: wanted
 
@@ -75,7 +74,7 @@ def _twists(user: User, _: float) -> Callable[[int], object]:
 
 
 def _wrenches(user: User, _: float) -> Callable[[int], object]:
-    limits = user.arm.engine.capabilities.cartesian_limits
+    limits = user.engine.capabilities.cartesian_limits
     assert limits is not None
     wanted = [*user.way(_TOOL_FORCE * limits.force), 0.0, 0.0, 0.0]
     return lambda count: wanted
@@ -99,7 +98,7 @@ def stream(
     seconds: float,
     *,
     periods: Sequence[float] = PERIODS,
-    arm: LocalDevice | None = None,
+    arm: Any = None,
 ) -> None:
     """Stream for some s."""
     period = user.random.choice(periods)

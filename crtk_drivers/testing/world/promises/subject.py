@@ -7,7 +7,7 @@ Setting  what a device of any kind has there
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -204,7 +204,7 @@ class Scene(Setting):
         self.served = self.let_go = -math.inf
         self.from_rest: float | None = None
         self._moves: list[Busy] = []
-        self._senders = 0
+        self._senders: Counter[Process] = Counter()
         self._looks: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=_REMEMBERED)
         self._freed_at: tuple[float, ...] = ()  # where the joints were then
         self.look()
@@ -252,7 +252,8 @@ class Scene(Setting):
             silence: s for which a stream goes on after it.
             by_tool: whether it says where the tool is to be, or how fast.
         """
-        self._senders += 1
+        process = self.world.kernel.process
+        self._senders[process] += 1
         if not by_tool:
             self.from_rest = None
         elif self.from_rest is None and not self.is_moving:
@@ -260,7 +261,7 @@ class Scene(Setting):
         try:
             yield
         finally:
-            self._senders -= 1
+            self._senders[process] -= 1
             self.asked = max(self.asked, self.now + silence)
 
     def sent(self, move: Busy) -> None:
@@ -294,7 +295,8 @@ class Scene(Setting):
     def is_asked(self) -> bool:
         """Whether somebody asks for a motion now: by a command that is being sent, a move or a stream."""
         self._moves = [move for move in self._moves if move.is_busy()]
-        if self._senders or self._moves or self.is_free:
+        is_sending = any(count and each.alive for each, count in self._senders.items())
+        if is_sending or self._moves or self.is_free:
             self.asked = max(self.asked, self.now)
         return self.asked >= self.now
 
