@@ -68,6 +68,12 @@ WORLDS = {
     "engine": 0.02,
     "faults": 0.15,
     "grippers": 0.1,
+    "ros/client": 0.05,
+    "ros/conformance": 0.05,
+    "ros/drivers": 0.5,
+    "ros/moveit": 0.05,
+    "ros/node": 0.05,
+    "ros/teleop": 0.05,
     "virtual": 0.08,
     "wire": 0.1,
 }
@@ -81,6 +87,21 @@ WAITING = {
     "front": 0.1,
     "openhaptics/wire": 1.0,  # as that of Force Dimension
     "ros": 0.7,
+    "ros/client/test_confirmed.py": 0.7,  # what DDS itself confirms, of frozen processes
+    "ros/client/test_lab_watch.py": 0.7,  # a program of its own, and what it prints
+    "ros/client/test_view_terminal.py": 0.7,  # likewise
+    "ros/node/test_command_line.py": 0.7,  # likewise
+    "ros/node/test_flood.py": 0.7,  # what DDS itself does with too much
+    "ros/node/test_message_hashes.py": 0.7,  # what DDS itself announces
+    "ros/node/test_mismatches.py": 0.7,  # what DDS itself tells of QoS
+    "ros/node/test_official_client.py": 0.7,  # the thin suite over DDS itself
+    "ros/node/test_page.py": 0.7,  # a program of its own, and what it prints
+    "ros/node/test_process.py": 0.7,  # likewise
+    "ros/node/test_topics.py": 0.7,  # the thin suite over DDS itself
+    "ros/node/test_two_machines.py": 0.7,  # namespaces of Linux
+    "ros/node/test_units_run.py": 0.7,  # installed programs
+    "ros/node/test_unlocked.py": 0.7,  # a compiled library
+    "ros/node/test_up.py": 0.7,  # programs of their own, and what they print
     "ros2_control/faults": 1.0,  # its device is rclpy's
     "ros2_control/wire": 0.5,
     "ur/wire/test_control_process.py": 0.5,  # through the vendor's library

@@ -145,6 +145,7 @@ def other_machine(shift: float) -> Iterator[None]:
             process.kill()
 
 
+@pytest.mark.real_time  # a compiled library
 @pytest.mark.parametrize("shift", [SHIFT, -SHIFT])
 def test_a_shifted_clock_is_measured_over_ros(shift):
     link = Link()

@@ -678,6 +678,7 @@ def _shown_at(how: str, *arguments: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(["sh", "-c", script, sys.executable, *arguments])
 
 
+@pytest.mark.real_time  # a shell
 @pytest.mark.parametrize("how", ["2>/dev/full", "2>&-", ">/dev/full 2>&1", "<&- >&- 2>&-"])
 @pytest.mark.parametrize("command", ["hold", "pause", "disable"])
 @pytest.mark.sweep(4)
@@ -694,6 +695,7 @@ def test_a_stop_is_sent_whatever_its_output(far: Far, command: str, how: str) ->
     assert code == 0 or ">/dev/full" in how
 
 
+@pytest.mark.real_time  # a shell
 @pytest.mark.parametrize("how", ["2>/dev/full", "2>&-", ">/dev/full 2>&1"])
 @pytest.mark.sweep(2)
 def test_an_interrupted_move_holds_whatever_its_output(far: Far, how: str) -> None:

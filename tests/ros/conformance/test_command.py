@@ -68,6 +68,7 @@ def test_the_clauses_are_listed_without_a_device(run_far: Run) -> None:
     assert "NAM-1" in out
 
 
+@pytest.mark.real_time  # what a program prints
 def test_an_interrupt_holds_the_device_and_leaves_it_as_it_was(start: Start, rig: Rig) -> None:
     engine = rig.session.engine
     words = (

@@ -13,6 +13,7 @@ from rigs.programs import COMMAND, Start
 pytest.importorskip("rclpy")
 
 
+@pytest.mark.real_time  # what a program prints
 @pytest.mark.ros
 @pytest.mark.parametrize("profile", ["netbox", "axia", "onrobot"])
 def test_the_node_comes_up_at_a_simulator_and_ends_at_a_signal(start: Start, profile: str) -> None:

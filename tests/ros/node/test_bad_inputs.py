@@ -349,6 +349,7 @@ def test_invalid_transition(rig: Rig) -> None:
     assert rig.client.state.state == "DISABLED"
 
 
+@pytest.mark.real_time  # how much a real machine can take
 def test_flood_is_survived_and_the_newest_wins(rig: Rig) -> None:
     """I14."""
     rig.client.reach("enable", "ENABLED")
