@@ -116,7 +116,7 @@ class Pilot:
     def actions(self) -> tuple[str, ...]:
         """What can be asked of the device now: enable, disable, home, hold, joint, tool, store, go."""
         offered = self._device.crtk_commands
-        found = [*_STATES] if "state_command" in offered else []
+        found = [*_STATES] if {"state_command", "operating_state"} <= set(offered) else []
         found += ["hold"] if "hold" in offered else []
         found += ["joint"] if set(_JOINT_JOGS) & set(offered) else []
         found += ["tool"] if set(_TOOL_JOGS) & set(offered) else []
