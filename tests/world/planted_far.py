@@ -11,7 +11,7 @@ from crtk_drivers.ros.publishing import PublishingThread
 from crtk_drivers.ros.subscriptions import CommandTopics
 
 
-@planted("copley", FAR, MOVES, seeds=20)
+@planted("copley", FAR, MOVES, seeds=60)
 def node_passes_over_a_hold() -> None:
     """Each second `hold` that comes to the node is confirmed to its client, and not carried out."""
     plain = CommandTopics._submit
@@ -26,7 +26,7 @@ def node_passes_over_a_hold() -> None:
     CommandTopics._submit = submit
 
 
-@planted("copley", FAR, MOVES, NOT_ENABLED, seeds=60)
+@planted("copley", FAR, MOVES, NOT_ENABLED, seeds=150)
 def stop_counts_as_arrived_when_sent() -> None:
     """The client takes a stop for carried out as soon as it has sent it."""
     RemoteDevice._require_arrival = lambda *given: None

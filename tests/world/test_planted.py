@@ -17,6 +17,7 @@ SLOW = frozenset(
         "answer_to_an_earlier_question_counts",
         "hold_waits_for_a_signal_that_may_have_come",
         "move_is_carried_out_after_a_stop",
+        "node_passes_over_a_hold",
         "old_position_is_stamped_fresh",
         "pause_leaves_the_motion",
         "servo_that_is_silent_counts_as_read",
