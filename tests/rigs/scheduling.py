@@ -87,6 +87,7 @@ WAITING = {
     "front": 0.1,
     "openhaptics/wire": 1.0,  # as that of Force Dimension
     "ros": 0.7,
+    "ros/client/test_compat.py": 0.7,  # in worlds some fail now and then: tests/UNSTEADY.md
     "ros/client/test_confirmed.py": 0.7,  # what DDS itself confirms, of frozen processes
     "ros/client/test_lab_watch.py": 0.7,  # a program of its own, and what it prints
     "ros/client/test_view_terminal.py": 0.7,  # likewise
