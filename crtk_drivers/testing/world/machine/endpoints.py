@@ -33,6 +33,7 @@ from crtk_drivers.testing.world.machine.network import (
     LOOPBACK,
     Address,
     Network,
+    arrival,
     is_local,
     unix_key,
 )
@@ -48,8 +49,6 @@ DATAGRAM_ROOM: Final = 400
 _UNIX_DATAGRAM_ROOM: Final = 11
 """Datagrams of Unix sockets that wait to be read; who sends more waits."""
 _LONGEST_DATAGRAM: Final = 65_507
-_JITTER: Final = NS // 1000
-"""ns within which datagrams keep their order; what is later than this is overtaken."""
 _CONNECTING_AGAIN: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """s after which it is tried again to connect to one who does not answer, as Linux does."""
 _KINDS: Final = (socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_SEQPACKET)
@@ -505,9 +504,7 @@ class Endpoint(OpenFile):
         kernel = here()
         kernel.note("sent", self.label, piece)
         for seconds in network().weather.datagram():
-            when = kernel.now + int(seconds * NS)
-            if when < self._last < when + _JITTER:
-                when = self._last + 1
+            when = arrival(kernel.now, seconds, self._last)
             self._last = max(self._last, when)
             kernel.at(when, lambda: self._land(piece, address))
         return len(piece)

@@ -20,6 +20,16 @@ _TIME_WAIT: Final = 60 * NS
 """For so long, the port of a connection that this side has ended first is in use."""
 
 
+_KEEPS_ORDER: Final = NS // 1000
+"""ns within which datagrams keep their order; what is later than this is overtaken."""
+
+
+def arrival(now: int, seconds: float, last: int) -> int:
+    """Return when a datagram arrives (ns) that takes so many s, behind one that arrives at `last`."""
+    when = now + int(seconds * NS)
+    return last + 1 if when < last < when + _KEEPS_ORDER else when
+
+
 class Weather(Protocol):
     """What becomes of what is sent."""
 

@@ -2,8 +2,8 @@
 
 It behaves as Fast DDS 2.14 with rmw_fastrtps does, as far as a program notices: each side finds the other at
 a moment of its own; a heartbeat makes a reader request what was lost; a reader and a writer keep the newest
-messages only; a process that dies is missed after its lease. See the DDSI-RTPS
-specification 2.5, 8.4 (reliability) and 8.5 (discovery), and Fast DDS' documentation of their times.
+messages only; a process that dies is missed after its lease. See the DDSI-RTPS specification 2.5, 8.4
+(reliability) and 8.5 (discovery), and Fast DDS' documentation of their times.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class Endpoint:
         gid: 16 bytes, of which the first twelve are those of its participant.
         listeners: called when something has changed, in no task.
         waiters: tasks that wait for that.
-        refused: by an endpoint of the other side that wants what this one does not offer; how often.
+        refused: for each endpoint of the other side that does not match, the policy that differs.
         found: how many of the other side were found, those that have gone among them.
         gone: how many of these have gone.
     """

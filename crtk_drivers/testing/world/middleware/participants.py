@@ -8,11 +8,11 @@ from __future__ import annotations
 import itertools
 import struct
 from collections import deque
-from collections.abc import Iterator
 from typing import Any, Final
 
 from crtk_drivers.testing.world.machine.endpoints import network
 from crtk_drivers.testing.world.machine.kernel import NS, Process, here
+from crtk_drivers.testing.world.machine.network import arrival
 from crtk_drivers.testing.world.middleware.dds import Endpoint, Listener
 
 LEASE: Final = 20.0
@@ -21,8 +21,6 @@ _FINDS: Final = 0.08
 """s in which a participant finds another one, at most."""
 _LEARNS: Final = 0.03
 """s in which it learns of an endpoint of a participant that it has found, or of a node's name, at most."""
-KEEPS_ORDER: Final = NS // 1000
-"""ns within which datagrams keep their order."""
 _STANDS: Final = NS // 50
 """ns after which it is looked again whether a process that stands still goes on."""
 
@@ -56,7 +54,7 @@ class Participant:
         self._arrives: dict[Participant, int] = {}  # when what was sent last comes, at the latest
         self._postponed: deque[Listener] = deque()  # while the process stands still
         self.is_open = True
-        process.ended.append(self._die)
+        process.ended.append(self._leave)
         for other in domain.participants:
             self.find_later(other)
             other.find_later(self)
@@ -98,9 +96,8 @@ class Participant:
         kernel, weather = here(), network().weather
         late = [weather.moment()] if to is self else weather.datagram()
         for seconds in late:
-            when, last = kernel.now + int(seconds * NS), self._arrives.get(to, 0)
-            if when < last < when + KEEPS_ORDER:
-                when = last + 1
+            last = self._arrives.get(to, 0)
+            when = arrival(kernel.now, seconds, last)
             self._arrives[to] = max(last, when)
             kernel.at(when, lambda: to.do(then))
 
@@ -145,19 +142,15 @@ class Participant:
     def close(self) -> None:
         """Leave, and say so."""
         if self.is_open:
-            self.is_open = False
             # Nobody acknowledges what a participant says of itself: where it is lost, the lease counts.
             arrives = network().weather.datagram()
             self._leave(arrives[0] if arrives else LEASE)
 
-    def _die(self) -> None:
+    def _leave(self, seconds: float = LEASE) -> None:
+        """Let all others forget it after so many s. Once."""
         if self.is_open:
             self.is_open = False
-            self._leave(LEASE)
-
-    def _leave(self, seconds: float) -> None:
-        """Let all others forget it after so many s."""
-        here().after(seconds, self._be_forgotten)
+            here().after(seconds, self._be_forgotten)
 
     def _be_forgotten(self) -> None:
         if self in self.domain.participants:
@@ -196,13 +189,11 @@ class Participant:
     def _learn(self, endpoint: Endpoint) -> None:
         if not endpoint.is_open or endpoint in self.known:
             return
-        self.known[endpoint] = endpoint.node if endpoint.node in self._nodes_of(endpoint) else None
+        is_named = (endpoint.owner, endpoint.node) in self.known_nodes
+        self.known[endpoint] = endpoint.node if is_named else None
         for own in tuple(self.endpoints):
             if own.is_open and own.fits(endpoint):
                 own.meet(endpoint)
-
-    def _nodes_of(self, endpoint: Endpoint) -> Iterator[tuple[str, str]]:
-        return (node for owner, node in self.known_nodes if owner is endpoint.owner)
 
     def forget_later(self, endpoint: Endpoint) -> None:
         """Learn after a while that an endpoint has gone."""

@@ -17,8 +17,8 @@ from crtk_drivers.testing.world.middleware.message_bytes import (
 from crtk_drivers.testing.world.middleware.rclpy_endpoints import Publisher, Service, Subscription
 from crtk_drivers.testing.world.middleware.rclpy_handles import handle_of
 
-_PUBLISHER_INVALID: Final = 300  # rcl/types.h
-_OK, _TIMEOUT, _NO_MESSAGE, _NO_REQUEST = 0, 2, 401, 601  # rcl/types.h
+_OK, _TIMEOUT, _PUBLISHER_INVALID = 0, 2, 300  # rcl/types.h
+_NO_MESSAGE, _NO_REQUEST = 401, 601
 _ONE: Final = (1).to_bytes(8, "little")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections import deque
 from collections.abc import Callable
+from functools import partial, partialmethod
 from typing import Any, Final
 
 from crtk_drivers.testing.world.machine.kernel import NS, here
@@ -31,29 +32,12 @@ class WaitSet(Handle):
         self._handles[kind].append(handle)
         return len(self._handles[kind]) - 1
 
-    def add_subscription(self, handle: Any) -> int:
-        """As rclpy."""
-        return self._add("subscription", handle)
-
-    def add_guard_condition(self, handle: Any) -> int:
-        """As rclpy."""
-        return self._add("guard_condition", handle)
-
-    def add_timer(self, handle: Any) -> int:
-        """As rclpy."""
-        return self._add("timer", handle)
-
-    def add_client(self, handle: Any) -> int:
-        """As rclpy."""
-        return self._add("client", handle)
-
-    def add_service(self, handle: Any) -> int:
-        """As rclpy."""
-        return self._add("service", handle)
-
-    def add_event(self, handle: Any) -> int:
-        """As rclpy."""
-        return self._add("event", handle)
+    add_subscription = partialmethod(_add, "subscription")
+    add_guard_condition = partialmethod(_add, "guard_condition")
+    add_timer = partialmethod(_add, "timer")
+    add_client = partialmethod(_add, "client")
+    add_service = partialmethod(_add, "service")
+    add_event = partialmethod(_add, "event")
 
     @property
     def all(self) -> list[Any]:
@@ -219,20 +203,20 @@ class EventsExecutor:
         if not self._is_stale:
             return
         self._is_stale = False
-        found: dict[Any, Callable[[], None]] = {}
-        for node in self._nodes:
-            for each in node.subscriptions:
-                found[each] = lambda each=each: self._take_message(each)  # type: ignore[misc]
-            for each in node.services:
-                found[each] = lambda each=each: self._take_request(each)  # type: ignore[misc]
-            for each in node.clients:
-                found[each] = lambda each=each: self._take_response(each)  # type: ignore[misc]
-            for each in node.timers:
-                found[each] = lambda each=each: self._call_timer(each)  # type: ignore[misc]
-            for each in node.guards:
-                found[each] = lambda each=each: self._call_guard(each)  # type: ignore[misc]
-            for each in node.waitables:
-                found[each] = lambda each=each: self._take_of(each)  # type: ignore[misc]
+        takes = {
+            "subscriptions": self._take_message,
+            "services": self._take_request,
+            "clients": self._take_response,
+            "timers": self._call_timer,
+            "guards": self._call_guard,
+            "waitables": self._take_of,
+        }
+        found = {
+            each: partial(take, each)
+            for node in self._nodes
+            for kind, take in takes.items()
+            for each in getattr(node, kind)
+        }
         for each in [each for each in self._known if each not in found]:
             self._known.pop(each).leave()
         for each, run in found.items():
