@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
 
 from crtk_drivers.commands import Level
+
+TOO_LATE: Final = 0.5
+"""Seconds by which a command of a stream may come later than others of its sender: the network kept it, and
+where it leads to may have been stopped meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)

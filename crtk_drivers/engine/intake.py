@@ -23,6 +23,7 @@ from crtk_drivers.device.offered import (
 )
 from crtk_drivers.engine.as_messages import Messages
 from crtk_drivers.engine.checked_readings import checked_readings
+from crtk_drivers.engine.newest import Newest
 from crtk_drivers.engine.services import OwnService, Request, Requests
 from crtk_drivers.engine.tether import Tether
 from crtk_drivers.engine.transitions import Transitions
@@ -141,7 +142,7 @@ class Intake:
         )
         self._stop_asked = False
         self._stops = 0  # that were asked for, or came of themselves; under the board's lock
-        self._newest_ns = 0  # when the newest stop or change of state came; under the board's lock
+        self._newest = Newest()  # under the board's lock
         self._changes: deque[int] = deque(maxlen=_CHANGES)
         """Stamps of state commands, 0 for a service that moves; under the board's lock."""
         self._can_wake = False
@@ -322,7 +323,7 @@ class Intake:
         value: Value | None = None,
         stamp_ns: int = 0,
         client: Client = NOBODY,
-        received_ns: int = 0,
+        sent_ns: int = 0,
     ) -> Move | None:
         """Accept a command, to be executed in the next cycle; see `crtk_drivers.engine.waiting` for moves.
 
@@ -331,8 +332,9 @@ class Intake:
             value: of the type that the command table names; None for hold and free.
             stamp_ns: the sender's stamp, 0 if it gave none.
             client: who asks; see `crtk_drivers.motion.arbiter`.
-            received_ns: when it came, in ns since the epoch, if that was before now. One that came before
-                a stop, or before what changes the state, is not carried out after it.
+            sent_ns: when it was sent, in ns since the epoch by this machine's clock, if that was before now.
+                One that was sent before a stop came, or what changes the state, is not carried out after it.
+                Of ``hold``: when it came.
 
         Returns:
             the handle of a move; None otherwise.
@@ -345,7 +347,7 @@ class Intake:
         try:
             command = self._require(name)
             if name == "hold":
-                self._hold(command, client, received_ns)
+                self._hold(command, client, sent_ns)
                 return None
             if command.level is Level.SETTING:
                 self._set(command, self._check.check(command, value), client)
@@ -356,10 +358,10 @@ class Intake:
                 checked = self._check.check(command, value, stamp_ns, time.time_ns())
                 waiting = Waiting(command, checked, stamp_ns, client, Move(name))
                 with self._board.lock:
-                    self._require_newest(name, received_ns)
+                    self._require_newest(name, sent_ns)
                     if self._waiting.put(waiting):
                         return waiting.move
-            return self._carry_out(command, value, stamp_ns, client, received_ns=received_ns)
+            return self._carry_out(command, value, stamp_ns, client, sent_ns=sent_ns)
         except CommandRefused as refusal:
             told = refusal.of(stamp_ns)
             self._board.refused(told)
@@ -386,6 +388,7 @@ class Intake:
         text: str,
         stamp_ns: int = 0,
         received_ns: int = 0,
+        sent_ns: int = 0,
         *,
         is_repeated: bool = False,
     ) -> None:
@@ -396,7 +399,9 @@ class Intake:
         Args:
             text: one of them.
             stamp_ns: the sender's stamp, 0 if it gave none.
-            received_ns: see `submit`.
+            received_ns: when it came, in ns since the epoch, if that was before now.
+            sent_ns: see `submit`. What sets the device going is not carried out after a stop that came
+                after it was sent.
             is_repeated: it is sent again with the stamp of the first. Once that has been carried out, and
                 something newer after it, it is refused.
 
@@ -413,18 +418,20 @@ class Intake:
             with self._board.lock:
                 if is_repeated and self._is_overtaken(stamp_ns):
                     raise self._repeated(command)
+                if command not in STOPS and self._newest.is_after_stop(sent_ns):
+                    raise self._overtaken("state_command", f"came after this {command} was sent")
                 self._changes.append(stamp_ns)
                 if command is StateCommand.PAUSE:  # a stop, also where it is refused
                     self._waiting.end("by pause", Outcome.PREEMPTED)
                     self._transitions.break_off("pause")
                 if command in STOPS:
                     self._stops += 1
-                    self._note_newest(received_ns)
+                    self._newest.note(received_ns, is_stop=True)
                     self._requests.break_off(f"by {command}")
                 is_new = self._transitions.running is not command
                 if self._transitions.accept(command, stamp_ns):
                     if is_new:
-                        self._note_newest(received_ns)
+                        self._newest.note(received_ns, is_stop=False)
                     self._waiting.end(f"by {command}", Outcome.PREEMPTED)
         except CommandRefused as refusal:
             told = refusal.of(stamp_ns, self.where, text)
@@ -432,14 +439,14 @@ class Intake:
             self._board.announce()
             raise told from refusal.__cause__
 
-    def request(self, name: str, received_ns: int = 0) -> Request:
+    def request(self, name: str, sent_ns: int = 0) -> Request:
         """Ask for one of the `services`. One of ours is carried out at once, whatever the device does.
 
         One that is a stop takes the place of what runs.
 
         Args:
             name: of the service.
-            received_ns: see `submit`; of one that moves, and of a stop.
+            sent_ns: see `submit`; of one that moves, and of a stop.
 
         Raises:
             CommandRefused: there is no such service, one is running, the device is not connected, or one
@@ -451,13 +458,13 @@ class Intake:
         if service is not None and service.stops:
             with self._board.lock:
                 self._stops += 1
-                self._note_newest(received_ns)
+                self._newest.note(sent_ns, is_stop=True)
             self._waiting.end(f"by {name}", Outcome.PREEMPTED)
             self._transitions.break_off(name)
         try:
             with self._board.lock:  # no stop comes between the two
                 if service is not None and service.moves:
-                    self._require_newest(name, received_ns)
+                    self._require_newest(name, sent_ns)
                     self._changes.append(0)
                 return self._requests.ask(name)
         except CommandRefused as refusal:
@@ -559,7 +566,7 @@ class Intake:
         """
         with self._board.lock:
             self._stops += 1
-            self._note_newest(received_ns)
+            self._newest.note(received_ns, is_stop=True)
             self._transitions.end_homing()
             self._transitions.break_off("hold")
             self._requests.break_off("by hold")
@@ -592,7 +599,7 @@ class Intake:
         stamp_ns: int,
         client: Client,
         waiting: Waiting | None = None,
-        received_ns: int = 0,
+        sent_ns: int = 0,
     ) -> Move | None:
         stops = self._stops
         order = self._order(command, value, stamp_ns, client)
@@ -600,7 +607,7 @@ class Intake:
             self._require_enabled(command.name)
             if self._stops != stops:
                 raise self._overtaken(command.name, "came while it was being judged")
-            self._require_newest(command.name, received_ns)
+            self._require_newest(command.name, sent_ns)
             if waiting is not None:
                 if not self._waiting.holds(waiting):
                     return None
@@ -649,15 +656,9 @@ class Intake:
             self._orders.ratios = changed
             self._context.latch(_ratio_values(changed), 0)
 
-    def _note_newest(self, received_ns: int = 0) -> None:
-        """Remember when a stop, or what changes the state, came. Under the board's lock."""
-        now = time.time_ns()
-        before = self._newest_ns if self._newest_ns <= now else 0  # the clock was set back since
-        self._newest_ns = max(before, received_ns or now)
-
-    def _require_newest(self, name: str, received_ns: int) -> None:
-        """Refuse what came before the newest stop or change of state. Under the board's lock."""
-        if 0 < received_ns < self._newest_ns <= time.time_ns():
+    def _require_newest(self, name: str, sent_ns: int) -> None:
+        """Refuse what was sent before the newest stop or change of state came. Under the board's lock."""
+        if self._newest.is_after(sent_ns):
             raise self._overtaken(name, "or another state came before it was carried out")
 
     def _is_overtaken(self, stamp_ns: int) -> bool:

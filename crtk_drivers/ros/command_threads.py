@@ -7,7 +7,7 @@ message alone. A round has a bound for each topic, and rounds have a shortest pe
 
 Messages of one client are carried out in the order in which they came, although two threads read them: before
 a command is carried out, the stops and state commands are that have come by then; and the engine refuses a
-command that came before them (`received_ns` of `crtk_drivers.engine.Engine.submit`).
+command that was sent before they came (`sent_ns` of `crtk_drivers.engine.Engine.submit`).
 """
 
 from __future__ import annotations
@@ -203,7 +203,9 @@ class _Topics:
         """Return what has come on all of them in the order in which it came, so many of each at most."""
         ready = [self._topics[file] for file, _ in self._poll.poll(0) if file in self._topics]
         taken = [(topic, message) for topic in ready for message in topic.take(most)]
-        return sorted(taken, key=lambda pair: pair[1].received_ns) if len(taken) > 1 else taken
+        return (
+            sorted(taken, key=lambda pair: pair[1].arrival.received_ns) if len(taken) > 1 else taken
+        )
 
     def close(self) -> None:
         """Leave them. Once the thread has ended."""

@@ -59,7 +59,7 @@ class ControllerTopics:
             require_common_clock(self._engine, asked, message.arrival)
         # One that is gone along has a time of its own.
         stamp_ns = 0 if command == FOLLOW.name else asked.start_ns
-        self._engine.submit(command, value, stamp_ns, message.sender, message.received_ns)
+        self._topics.submit(command, value, stamp_ns, message)
 
     def _forward(self, command: str) -> Callable[[Received], None]:
         kind = find(command).kind
@@ -69,6 +69,6 @@ class ControllerTopics:
             value, _ = self._topics.read(command, Payload.NUMBERS, message.data)
             assert isinstance(value, Numbers)
             joints = joint_state(kind, vector(value.values))
-            self._engine.submit(command, joints, 0, message.sender, message.received_ns)
+            self._topics.submit(command, joints, 0, message)
 
         return take

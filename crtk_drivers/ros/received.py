@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
 
-from crtk_drivers.ros.arrival import Arrival, of_message
+from crtk_drivers.ros.arrival import Arrival
 from crtk_drivers.ros.senders import Sender, Senders
 from crtk_drivers.ros.unlocked import UnlockedNode, new_message, rcl_error
 
@@ -51,21 +51,19 @@ class Received(NamedTuple):
     Attributes:
         data: as CDR.
         sender: its publisher.
-        received_ns: when it came, since the epoch; 0 if the middleware does not say.
+        arrival: when it came, and was sent.
         lost: how many of its sender came before it, since the last one that was read, and were not read.
-        ahead_ns: see `Arrival`.
     """
 
     data: bytes
     sender: Sender
-    received_ns: int
+    arrival: Arrival
     lost: int = 0
-    ahead_ns: int = 0
 
     @property
-    def arrival(self) -> Arrival:
-        """When it came, and what the clock of its sender is off by."""
-        return Arrival(self.received_ns, self.ahead_ns)
+    def ordered(self) -> Arrival:
+        """The arrival, in order with those stops and changes of state of its process that are carried out."""
+        return self.sender.clock.in_order(self.arrival)
 
 
 class Messages:
@@ -113,8 +111,9 @@ class Messages:
         before, number = sender.sent, info.publication_sequence_number
         sender.sent = before + 1 if number == _NOT_COUNTED else number
         lost = max(0, sender.sent - before - 1) if before else 0
-        came = of_message(info.received_timestamp, info.source_timestamp)
-        return Received(data, sender, came.received_ns, lost, came.ahead_ns)
+        return Received(
+            data, sender, sender.came(info.received_timestamp, info.source_timestamp), lost
+        )
 
 
 class AttributedSubscription(Waitable):  # type: ignore[misc]  # rclpy has no types

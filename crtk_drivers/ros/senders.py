@@ -14,12 +14,14 @@ import threading
 import time
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakValueDictionary
 
 from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 from typing_extensions import override
 
 from crtk_drivers.motion.arbiter import Client
+from crtk_drivers.ros.arrival import Arrival, SenderClock, as_it_came
 
 logger = logging.getLogger(__name__)
 
@@ -66,12 +68,20 @@ class Sender(Client):
         participant: the part of `gid` that all publishers of its process have; empty if there is none.
         is_watched: somebody wants to know whether it is there.
         sent: the number of its newest message that was read here; those count that were not read, too.
+        clock: of its process.
     """
 
     def __init__(
-        self, node: Node, topic: str, gid: bytes, has_participant: bool, owners: Owners
+        self,
+        node: Node,
+        topic: str,
+        gid: bytes,
+        has_participant: bool,
+        owners: Owners,
+        clock: SenderClock,
     ) -> None:
         super().__init__("")
+        self.clock = clock
         self._node = node
         self._owners = owners
         self.topic = topic
@@ -80,6 +90,7 @@ class Sender(Client):
         self._owner = ""
         self.is_watched = False
         self.sent = 0
+        self._sent_ns = 0
         self._counted = 0
 
     @property
@@ -97,6 +108,17 @@ class Sender(Client):
     def look(self) -> None:
         """Ask the graph whether the publisher is there."""
         self._is_there = self._info is not None
+
+    def came(self, received_ns: int, sent_ns: int) -> Arrival:
+        """Return the arrival of its next message; see `SenderClock.arrival`.
+
+        Where nothing tells which process sends, a message counts from when it comes.
+        """
+        if not self.participant:
+            return as_it_came(received_ns, sent_ns)
+        arrival = self.clock.arrival(received_ns, sent_ns, self._sent_ns)
+        self._sent_ns = sent_ns
+        return arrival
 
     def count(self) -> int:
         """Return how many messages it has sent since this was asked last."""
@@ -175,6 +197,7 @@ class Senders:
         self._has_participant = get_rmw_implementation_identifier().startswith("rmw_fastrtps")
         self._owners = Owners(node)
         self._known: dict[tuple[str, bytes], Sender] = {}
+        self._clocks: WeakValueDictionary[bytes, SenderClock] = WeakValueDictionary()
         self._lock = threading.Lock()
         self._looked = time.monotonic()
         self.floods: tuple[Flood, ...] = ()
@@ -188,8 +211,10 @@ class Senders:
         with self._lock:
             if len(self._known) >= KNOWN_SENDERS:
                 self._forget_one()
+            process = gid[:_PARTICIPANT] if self._has_participant else gid
+            clock = self._clocks.setdefault(process, SenderClock())
             return self._known.setdefault(
-                key, Sender(self._node, topic, gid, self._has_participant, self._owners)
+                key, Sender(self._node, topic, gid, self._has_participant, self._owners, clock)
             )
 
     def _forget_one(self) -> None:

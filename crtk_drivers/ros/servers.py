@@ -183,7 +183,7 @@ class DeviceServices:
             response = Trigger.Response()
             try:
                 self._admit(name)
-                response.message = self._engine.request(name, arrival.received_ns).wait(limit)
+                response.message = self._engine.request(name, arrival.earliest_ns).wait(limit)
                 response.success = True
             except CrtkError as error:
                 response.success, response.message = False, str(error)

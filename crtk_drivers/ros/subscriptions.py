@@ -16,11 +16,13 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from crtk_drivers.commands import ROS_TYPES, Command, Direction, Payload
+from crtk_drivers.commands import ROS_TYPES, Command, Direction, Level, Payload, find
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
+from crtk_drivers.options import TOO_LATE
 from crtk_drivers.recording import cdr
 from crtk_drivers.ros import qos
+from crtk_drivers.ros.arrival import Arrival
 from crtk_drivers.ros.command_threads import CommandThreads, HeardTopic
 from crtk_drivers.ros.messages import TYPES
 from crtk_drivers.ros.names import Frames
@@ -28,12 +30,14 @@ from crtk_drivers.ros.received import Received
 from crtk_drivers.ros.senders import Senders
 from crtk_drivers.ros.unlocked import UnlockedNode
 from crtk_drivers.samples import CartesianServo, Pose, Text, Twist, Value, Wrench
-from crtk_drivers.state import REPEATED, STOPS, Status
+from crtk_drivers.state import REPEATED, STOPS, StateCommand, Status
 from crtk_drivers.status.throttle import Throttle
 
 logger = logging.getLogger(__name__)
 
 FAILURE_INTERVAL = 2.0
+
+_MOVING = frozenset({StateCommand.HOME, StateCommand.UNHOME})
 
 
 class CommandTopics:
@@ -101,7 +105,7 @@ class CommandTopics:
         if payload is Payload.TEXT:
             return self._state_command
         if payload is Payload.EMPTY:
-            return lambda message: self._submit(name, message)
+            return lambda message: self._submit_empty(name, message)
         if command.is_relative:
             return lambda message: self._submit_increment(name, payload, message)
         return lambda message: self._submit_value(name, payload, message)
@@ -109,7 +113,13 @@ class CommandTopics:
     def _state_command(self, message: Received) -> None:
         text, stamp, is_repeated = self._text_of(message.data)
         self._admit("state_command", text)
-        self._engine.state_command(text, stamp, message.received_ns, is_repeated=is_repeated)
+        arrival = message.ordered
+        message.sender.clock.changes_state(arrival)
+        may_move = text in _MOVING or self._engine.capabilities.enable_moves
+        sent_ns = arrival.earliest_ns if may_move else arrival.sent_ns
+        self._engine.state_command(
+            text, stamp, arrival.received_ns, sent_ns, is_repeated=is_repeated
+        )
 
     def _text_of(self, data: bytes) -> tuple[str, int, bool]:
         """Return what a state command says, its stamp, and whether it says that it is sent again.
@@ -130,14 +140,47 @@ class CommandTopics:
         assert isinstance(found.value, Text)
         return found.value.value, found.stamp_ns, found.frame_id == REPEATED
 
-    def _submit(self, name: str, message: Received) -> None:
+    def submit(self, name: str, value: Value | None, stamp_ns: int, message: Received) -> None:
+        """Hand a command to the engine: a stop as of when it came, anything else as of when it was sent.
+
+        Raises:
+            CommandRefused: by the engine; or it belongs to a stream, and comes too late for that.
+        """
+        arrival, sender = message.ordered, message.sender
+        if name == "hold":
+            sender.clock.changes_state(arrival)
+            self._engine.submit(name, value, stamp_ns, sender, arrival.received_ns)
+            return
+        self._require_in_time(name, stamp_ns, message.arrival)
+        self._engine.submit(name, value, stamp_ns, sender, arrival.earliest_ns)
+
+    def _require_in_time(self, name: str, stamp_ns: int, arrival: Arrival) -> None:
+        """Refuse a command of a stream that DDS has repeated after seconds: it has been over for long."""
+        level = find(name).level
+        if level not in (Level.SERVO, Level.INTERPOLATE):
+            return
+        limit = max(TOO_LATE, self._engine.options.silence(level))
+        if arrival.late > limit:
+            refusal = CommandRefused(
+                name,
+                Reason.TOO_OLD,
+                f"it came {arrival.late:.1f} s later than others of its sender; of a stream, {limit:g} s is "
+                "the limit",
+                where=self._engine.where,
+                remedy="The network has lost it, or kept it: look where the device is before you go on.",
+                stamp_ns=stamp_ns,
+            )
+            self._engine.report_refusal(refusal)
+            raise refusal
+
+    def _submit_empty(self, name: str, message: Received) -> None:
         self._admit(name)
-        self._engine.submit(name, client=message.sender, received_ns=message.received_ns)
+        self.submit(name, None, 0, message)
 
     def _submit_value(self, name: str, payload: Payload, message: Received) -> None:
         self._admit(name)
         value, stamp = self.read(name, payload, message.data)
-        self._engine.submit(name, value, stamp, message.sender, message.received_ns)
+        self.submit(name, value, stamp, message)
 
     def _submit_increment(self, name: str, payload: Payload, message: Received) -> None:
         """Carry one out, and tell of those before it that were lost: each of them is motion."""

@@ -14,16 +14,16 @@ from crtk_drivers.ros.subscriptions import CommandTopics
 @planted("copley", FAR, MOVES, seeds=60)
 def node_passes_over_a_hold() -> None:
     """Each second `hold` that comes to the node is confirmed to its client, and not carried out."""
-    plain = CommandTopics._submit
+    plain = CommandTopics.submit
     holds = 0
 
-    def submit(self: Any, name: str, message: Any) -> None:
+    def submit(self: Any, name: str, *given: Any) -> None:
         nonlocal holds
         holds += name == "hold"
         if name != "hold" or holds % 2:
-            plain(self, name, message)
+            plain(self, name, *given)
 
-    CommandTopics._submit = submit
+    CommandTopics.submit = submit
 
 
 @planted("copley", FAR, MOVES, NOT_ENABLED, seeds=150)

@@ -36,6 +36,7 @@ from crtk_drivers.front.openigtlink.codec import Damaged, Message, crc64
 from crtk_drivers.front.openigtlink.connection import Connection
 from crtk_drivers.front.openigtlink.message_values import MILLIMETRES, as_type, value_of
 from crtk_drivers.motion.move import Move
+from crtk_drivers.options import TOO_LATE
 from crtk_drivers.status.throttle import Throttle
 
 logger = logging.getLogger(__name__)
@@ -47,8 +48,6 @@ STATUS_PERIOD: Final = 1.0
 """Seconds after which a status is told again, changed or not."""
 SEEN: Final = 0.5
 """Seconds after which a tool that tells no new pose is left out: tracking data has one stamp for all."""
-TOO_LATE: Final = 0.5
-"""Seconds by which a setpoint may come later than those before it: the network kept it meanwhile."""
 LOG_INTERVAL: Final = 2.0
 
 _TRACKING: Final = ("TDATA", "QTDATA")

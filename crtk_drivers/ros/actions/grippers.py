@@ -163,8 +163,8 @@ class _Grips(Behaviour):
         self._admit(COMMAND)
         position = self._position(goal)
         wanted = JointState(position=vector([position]))
-        came = arrival.received_ns
-        move = self._engine.submit(COMMAND, wanted, client=self._client, received_ns=came)
+        sent = arrival.earliest_ns
+        move = self._engine.submit(COMMAND, wanted, client=self._client, sent_ns=sent)
         assert move is not None
         return _Gripping(move, position, self._engine, self._finger, self._told)
 

@@ -67,8 +67,8 @@ class FollowTrajectory(Behaviour):
         self._admit(FOLLOW.name)
         asked = read_trajectory(self._engine, self._names, goal, decode_goal)
         require_common_clock(self._engine, asked, arrival)
-        came = arrival.received_ns
-        move = self._engine.submit(FOLLOW.name, asked, client=self._client, received_ns=came)
+        sent = arrival.earliest_ns
+        move = self._engine.submit(FOLLOW.name, asked, client=self._client, sent_ns=sent)
         assert move is not None
         return _Following(move, self._names.outgoing(self._engine.capabilities.joints))
 

@@ -16,6 +16,7 @@ from crtk_drivers.state import OperatingState
 from rigs.scripted_engine import Rig, SlideAndTurn, jp, jv, pose, two_joints
 
 S = OperatingState
+HOUR_NS = 3600 * 10**9
 
 
 @pytest.mark.parametrize("state", [S.DISABLED, S.PAUSED, S.FAULT])
@@ -161,11 +162,11 @@ def test_nothing_begins_after_a_stop_that_came_while_it_was_judged(
 def test_what_came_before_a_stop_is_not_carried_out_after() -> None:
     rig = Rig().enabled()
     now = time.time_ns() - 1000
-    rig.engine.submit("hold", received_ns=now)
+    rig.engine.submit("hold", sent_ns=now)
     with pytest.raises(CommandRefused, match="before it was carried out") as caught:
-        rig.engine.submit("servo_jv", jv(0.1, 0.0), received_ns=now - 1)
+        rig.engine.submit("servo_jv", jv(0.1, 0.0), sent_ns=now - 1)
     assert caught.value.reason is Reason.TOO_OLD
-    rig.engine.submit("servo_jv", jv(0.1, 0.0), received_ns=now + 1)
+    rig.engine.submit("servo_jv", jv(0.1, 0.0), sent_ns=now + 1)
 
 
 def test_what_came_before_enable_is_not_carried_out_after() -> None:
@@ -175,7 +176,7 @@ def test_what_came_before_enable_is_not_carried_out_after() -> None:
     rig.engine.state_command("enable", received_ns=now)
     for _ in range(2):  # while it is carried out, and after
         with pytest.raises(CommandRefused, match="before it was carried out"):
-            rig.engine.submit("move_jp", jp(0.1, 0.0), received_ns=now - 1)
+            rig.engine.submit("move_jp", jp(0.1, 0.0), sent_ns=now - 1)
         rig.cycle(2)
     assert rig.state is S.ENABLED
 
@@ -184,11 +185,41 @@ def test_enable_again_makes_no_command_old() -> None:
     rig = Rig().enabled()
     now = time.time_ns()
     rig.engine.state_command("enable", received_ns=now)
-    rig.engine.submit("servo_jv", jv(0.1, 0.0), received_ns=now - 1)
+    rig.engine.submit("servo_jv", jv(0.1, 0.0), sent_ns=now - 1)
 
 
-def test_a_clock_that_was_set_back_refuses_nothing() -> None:
+@pytest.mark.parametrize("step", [-HOUR_NS, HOUR_NS])
+def test_a_clock_that_is_set_moves_no_stop(monkeypatch: pytest.MonkeyPatch, step: int) -> None:
     rig = Rig().enabled()
-    now = time.time_ns()
-    rig.engine.submit("hold", received_ns=now + 3600 * 10**9)
-    rig.engine.submit("servo_jv", jv(0.1, 0.0), received_ns=now)
+    rig.engine.submit("hold", sent_ns=time.time_ns())
+    here = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: here() + step)
+    with pytest.raises(CommandRefused, match="before it was carried out"):
+        rig.engine.submit("servo_jv", jv(0.1, 0.0), sent_ns=time.time_ns() - 10**9)
+    rig.engine.submit("servo_jv", jv(0.1, 0.0), sent_ns=time.time_ns())
+
+
+def test_a_stop_by_a_clock_of_before_comes_now() -> None:
+    rig = Rig().enabled()
+    rig.engine.submit("hold", sent_ns=time.time_ns() + HOUR_NS)
+    rig.engine.submit("servo_jv", jv(0.1, 0.0), sent_ns=time.time_ns())
+
+
+def test_enable_that_was_sent_before_a_stop_is_refused() -> None:
+    rig = Rig().enabled()
+    rig.command("disable")
+    sent = time.time_ns()
+    rig.engine.state_command("disable")
+    rig.cycle(2)
+    with pytest.raises(CommandRefused, match="a stop came after this enable was sent") as caught:
+        rig.engine.state_command("enable", sent_ns=sent)
+    assert caught.value.reason is Reason.TOO_OLD
+    assert rig.state is S.DISABLED
+    rig.engine.state_command("enable", sent_ns=time.time_ns())
+
+
+def test_enable_after_the_enable_of_another_client_is_heard() -> None:
+    rig = Rig()
+    sent = time.time_ns()
+    rig.enabled()
+    rig.engine.state_command("enable", sent_ns=sent)

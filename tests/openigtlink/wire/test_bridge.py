@@ -18,11 +18,11 @@ from crtk_drivers.errors import ConfigError, ConnectionFailed
 from crtk_drivers.front import LocalDevice
 from crtk_drivers.front.openigtlink import METRES, Bridge, Caller, Server, connection, peer_streams
 from crtk_drivers.front.openigtlink.bodies import String, Transform
-from crtk_drivers.front.openigtlink.bridge import TOO_LATE
 from crtk_drivers.front.openigtlink.codec import Message, time_of
 from crtk_drivers.front.openigtlink.connection import STALLED, Connection
 from crtk_drivers.front.openigtlink.doors import MOST_PEERS
 from crtk_drivers.geometry.conversions import to_matrix
+from crtk_drivers.options import TOO_LATE
 from crtk_drivers.state import OperatingState
 from crtk_drivers.testing.loopback import LoopbackDevice
 from rigs.beside import beside
