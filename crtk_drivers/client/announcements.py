@@ -33,6 +33,19 @@ driver whose clock was set back. On the topic alone what arrives last is the new
 that has taken over on a machine whose clock is behind."""
 RECENT = 3.0
 """Seconds in which a driver may hold the next refusal of the same kind back."""
+_MOOT_NS = 5_000_000_000
+"""Nanoseconds before a stop within which what was sent is over with it. What is older comes from a clock that
+was set back."""
+
+
+def is_moot(stamp_ns: int, stopped_ns: int) -> bool:
+    """Whether a command that was sent before a stop of the same client is over with that.
+
+    Args:
+        stamp_ns: of the command; 0: it had none.
+        stopped_ns: when the client sent the stop.
+    """
+    return stamp_ns != 0 and 0 <= stopped_ns - stamp_ns < _MOOT_NS
 
 
 class Watch:
@@ -113,6 +126,7 @@ class StatusTracker:
         self._watches: list[Watch] = []
         self._moves: list[RemoteMove] = []
         self._late: dict[str, CommandRefused] = {}
+        self._stopped_ns = 0  # when a stop of ours was sent last
         self._refused_at: dict[str, float] = {}
         self._sent: set[str] = set()
         self._status_callbacks: list[Callable[[Status], Any]] = []
@@ -259,6 +273,8 @@ class StatusTracker:
             mine[-1].refused(refusal)
         elif refusal.reason is Reason.STREAM_ENDED:
             return  # nothing that is sent now is refused
+        elif refusal.reason is Reason.TOO_OLD and is_moot(refusal.stamp_ns, self._stopped_ns):
+            return  # a stop of ours came before it, which was sent after it: as it was meant to be
         elif name in self._sent and self._alone(name):
             self._sent.discard(name)
             self._late[name] = refusal
@@ -380,6 +396,10 @@ class StatusTracker:
         if late is not None:
             raise late
         self._sent.add(name)
+
+    def stopping(self) -> None:
+        """A stop is about to be sent: what was sent before it may come after it, and is refused then."""
+        self._stopped_ns = time.time_ns()
 
     def on_status(self, callback: Callable[[Status], Any]) -> Callable[[], None]:
         """Call `callback` with each new status; return what ends that."""

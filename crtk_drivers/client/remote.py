@@ -349,6 +349,8 @@ class RemoteDevice(DeviceFront, AnyDevice):
         command = self._command(name)
 
         def send(value: Any) -> None:
+            if name == "hold":
+                self._is_stopping()
             if command.payload is Payload.EMPTY:
                 outbox.send(None)
             else:
@@ -377,6 +379,7 @@ class RemoteDevice(DeviceFront, AnyDevice):
 
         def hold() -> None:
             nonlocal sender
+            self._is_stopping()
             if sender is None:
                 if not self._space.hears_status:
                     outbox.send(None)
@@ -385,6 +388,11 @@ class RemoteDevice(DeviceFront, AnyDevice):
             sender()
 
         return hold
+
+    def _is_stopping(self) -> None:
+        """Note that a stop is about to be sent."""
+        if (tracker := self._space.tracker) is not None:
+            tracker.stopping()
 
     def _require_arrival(self, name: str, outbox: Outbox, stamp: int = 0) -> None:
         """Make sure that what was sent has arrived: a stop may be the last thing before a link is closed.
@@ -555,6 +563,7 @@ class RemoteDevice(DeviceFront, AnyDevice):
             known = heard.latest.state if heard is not None and heard.has_status else None
             stamp = time.time_ns()
             if wanted in STOPS:  # at once, whatever is heard of the device, and again below
+                self._is_stopping()
                 outbox.send(str(wanted.value), stamp=stamp)
                 self._require_arrival(wanted.value, outbox, stamp)
             tracker = space.status()

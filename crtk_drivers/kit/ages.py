@@ -17,18 +17,11 @@ REAL: Final = 1e9
 class Ages:
     """When messages of one sender were stamped on our clock, from when the earliest of the last seconds came.
 
-    Clocks of the sender and of this machine need not agree, and simulated time is one of these.
-
-    Args:
-        window: seconds over which the earliest arrival counts. A clock that was set back counts as late for
-            so long.
-        in_order: messages come as they were stamped. One with an older stamp then tells that the clock was
-            set back, and is believed at once.
+    Clocks of the sender and of this machine need not agree, and simulated time is one of these. A clock that
+    was set back is another one.
     """
 
-    def __init__(self, window: float = WINDOW, *, in_order: bool = True) -> None:
-        self._window = window
-        self._in_order = in_order
+    def __init__(self) -> None:
         self._least = np.inf
         self._next = np.inf
         self._until = -np.inf
@@ -43,12 +36,12 @@ class Ages:
         """Return the monotonic seconds of a stamp; never later than its arrival."""
         stamp = stamp_ns * 1e-9
         late = arrival - stamp
-        if stamp < self._newest and self._in_order:
+        if stamp < self._newest:
             self._least = self._next = late
-            self._until = arrival + self._window
+            self._until = arrival + WINDOW
         self._newest = stamp
         if arrival > self._until:
             self._least, self._next = min(self._next, late), late
-            self._until = arrival + self._window
+            self._until = arrival + WINDOW
         self._least, self._next = min(self._least, late), min(self._next, late)
         return min(arrival, stamp + self._least)

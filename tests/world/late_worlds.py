@@ -11,7 +11,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 from world.ros_worlds import FOUND, RELIABLE, program
 
+from crtk_drivers.client import connect
 from crtk_drivers.engine import Engine
+from crtk_drivers.errors import CommandRefused
 from crtk_drivers.ros.serving import Serving
 from crtk_drivers.session import Session
 from crtk_drivers.status.stop_request import StopRequest
@@ -185,3 +187,36 @@ def own_order(world: World) -> dict[str, Any]:
             time.sleep(0.06)
 
     return _tried(world, work)
+
+
+def client_stops(world: World) -> dict[str, Any]:
+    """Let a client stop its own stream, again and again, over a network that is as uneven.
+
+    Returns:
+        What was refused by the driver, and what the client was told of that.
+    """
+    weather: Any = world.network.weather
+    weather.late, weather.lateness = 0.5, 0.02
+    told: list[str] = []
+    ends = StopRequest()
+    engine, driver = _engine_of(world, ends)
+
+    def work() -> None:
+        with connect(_SPACE, timeout=10.0) as arm:
+            arm.enable()
+            for _ in range(20):
+                try:
+                    for _ in range(5):
+                        arm.servo_jv([0.01, 0.0, 0.0, 0.0])
+                        time.sleep(0.02)
+                    arm.servo_jv([0.01, 0.0, 0.0, 0.0])
+                    arm.hold()
+                except CommandRefused as refusal:
+                    told.append(str(refusal))
+                time.sleep(0.2)
+
+    world.join(world.start("client", work))
+    refused = dict(engine.health().refusals)
+    ends.set()
+    world.join(driver)
+    return {"refused": refused, "told": told}

@@ -80,3 +80,9 @@ def test_what_follows_its_own_stop_is_carried_out(host: Host, seed: int) -> None
     # One whose stop comes between two lines of its own carrying out may be refused all the same.
     assert set(refused) <= {"move_jp: too_old"}
     assert sum(refused.values()) <= 1, "of 60"
+
+
+def test_client_is_not_told_of_what_its_own_stop_overtook(host: Host) -> None:
+    found = ran(host, "client_stops")
+    assert found["refused"]["servo_jv: too_old"] > 1
+    assert not found["told"]

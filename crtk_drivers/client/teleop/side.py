@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
+from crtk_drivers.client.announcements import is_moot
 from crtk_drivers.client.remote import RemoteDevice
 from crtk_drivers.errors import CommandRefused, ConfigError, ConnectionLost, Reason
 from crtk_drivers.motion.teleop.both_sides import Heard, Side
@@ -16,9 +17,6 @@ from crtk_drivers.state import Status
 LATE: Final = 1.0
 """Seconds by which a stamp may be behind the last one, and the message is left out: it came late, or twice.
 One further behind comes from a clock that was set back."""
-MOOT_NS: Final = 5_000_000_000
-"""Nanoseconds before a hold within which what was sent is over with it: a driver thins refusals out, and
-tells the last one up to two seconds later. What is older comes from a clock that was set back."""
 
 
 class Listened:
@@ -85,7 +83,7 @@ class Listened:
     def _refused(self, refusal: CommandRefused) -> None:
         if refusal.command not in self._senders or refusal.reason is Reason.STREAM_ENDED:
             return
-        if refusal.stamp_ns and 0 <= self._anew - refusal.stamp_ns < MOOT_NS:
+        if is_moot(refusal.stamp_ns, self._anew):
             return
         self._refusals.append(refusal.detail)
 
