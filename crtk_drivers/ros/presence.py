@@ -52,7 +52,6 @@ STOPS = frozenset({"hold", "disable", "pause"})
 """What every driver carries out: a stop is never refused."""
 
 _PROCESS = uuid.uuid4().hex
-_STARTED = time.time_ns()
 _numbers = itertools.count(1)
 
 Rank = tuple[bool, int, str]
@@ -131,6 +130,7 @@ class Presence:
         self._shares = shares
         self._changed = changed
         self._id = f"{_PROCESS}/{next(_numbers):03}"
+        self._started = time.time_ns()
         self._others: dict[str, _Other] = {}
         self._lock = threading.Lock()
         self._there = True
@@ -215,7 +215,7 @@ class Presence:
 
     def _rank(self, now: float) -> Rank:
         established = self._first is None and now - self._first_since >= ESTABLISHED_AFTER
-        return (not established, _STARTED, self._id)
+        return (not established, self._started, self._id)
 
     def _strangers(self) -> list[str]:
         """Return the nodes that tell an operating state here, and are no driver of this kind."""

@@ -12,6 +12,7 @@ from crtk_drivers import plugins
 from crtk_drivers.testing.world import Host
 
 FILE = Path(__file__).with_name("plain_worlds.py")
+PROMISES = Path(__file__).with_name("promises.py")
 NAMES = sorted(vars(visits))
 
 
@@ -41,6 +42,17 @@ def test_bad_weather_is_of_the_seed(host: Host, other_host: Host, name: str) -> 
     one = host.run(f"visits.{name}", 1, wild=True)
     one.check()
     assert one.hash == other_host.run(f"visits.{name}", 1, wild=True).hash
+
+
+def test_a_node_and_its_clients_are_of_the_seed() -> None:
+    pytest.importorskip("rclpy")
+    hashes = set()
+    for fixed in (True, False):
+        with Host(PROMISES, fixed=fixed) as host:
+            one = host.run("far", 1, wild=True, arguments=["robotiq"])
+            one.check()
+            hashes.add(one.hash)
+    assert len(hashes) == 1
 
 
 @pytest.mark.parametrize("wild", [False, True], ids=["good weather", "bad weather"])
