@@ -28,8 +28,9 @@ _MEETS: Final = 30.0
 """s in which a client finds the driver."""
 _SEEN: Final = 5.0
 """s for which a goal counts as reached: what tells of it may come with the next heartbeat."""
-_STOP_TAKES: Final = 3.0
-"""s in which a stop is confirmed, or said not to be (`crtk_drivers.client.remote.CONFIRM_TIMEOUT`)."""
+_STOP_TAKES: Final = 3.5
+"""s in which a stop is confirmed, or said not to be (`crtk_drivers.client.remote.CONFIRM_TIMEOUT`). A client
+that has just begun may hear of the state with a heartbeat after 3 s, and only then of a refusal."""
 _LATE: Final = 0.4
 """s by which a setpoint is late at most that is not lost, in bad weather."""
 _DIES: Final = 0.4
@@ -65,6 +66,16 @@ class FarUser(User):
         client.close()
 
     @override
+    def send(self, name: str, value: object, arm: Any = None) -> Move:
+        """Send a move by its name; it may come, and be carried out, though its sender is killed meanwhile."""
+        sending = _Sending(self.scene)
+        self.scene.sent(sending)
+        try:
+            return super().send(name, value, arm)
+        finally:
+            sending.is_over = True
+
+    @override
     def asked(self, move: Move) -> Busy:
         return _Asked(move, self.scene)
 
@@ -82,11 +93,16 @@ class FarUser(User):
             each.close()
 
 
-class _Asked:
-    """A move that was sent: it is asked for until its client knows its end, or the driver has done it."""
+class _Sending:
+    """A move that is being sent: it is asked for until that is over, or the driver has done it.
 
-    def __init__(self, move: Any, scene: Scene) -> None:
-        self._move = move
+    Attributes:
+        is_over: whether it has been sent.
+    """
+
+    is_over = False
+
+    def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._until = scene.now + _SEEN
 
@@ -94,7 +110,20 @@ class _Asked:
         """Whether it is asked for."""
         engine = self._scene.engine
         goes_on = self._scene.now < self._until or (engine is not None and engine.status.is_busy)
-        return goes_on and not self._move.has_ended
+        return goes_on and not self.is_over
+
+
+class _Asked(_Sending):
+    """A move that was sent: it is asked for until its client knows its end, or the driver has done it."""
+
+    def __init__(self, move: Any, scene: Scene) -> None:
+        super().__init__(scene)
+        self._move = move
+
+    @override
+    def is_busy(self) -> bool:
+        self.is_over = self._move.has_ended
+        return super().is_busy()
 
 
 def far(world: World, subject: Subject, *, operations: int = 8, faults: int = 4) -> None:
