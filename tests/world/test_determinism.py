@@ -44,10 +44,11 @@ def test_bad_weather_is_of_the_seed(host: Host, other_host: Host, name: str) -> 
     assert one.hash == other_host.run(f"visits.{name}", 1, wild=True).hash
 
 
-def test_a_node_and_its_clients_are_of_the_seed() -> None:
+def test_a_node_and_its_clients_are_of_the_seed(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rclpy")
     hashes = set()
-    for fixed in (True, False):
+    for fixed, domain in ((True, "7"), (False, "8")):
+        monkeypatch.setenv("ROS_DOMAIN_ID", domain)
         with Host(PROMISES, fixed=fixed) as host:
             one = host.run("far", 1, wild=True, arguments=["robotiq"])
             one.check()

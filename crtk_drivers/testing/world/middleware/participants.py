@@ -228,14 +228,17 @@ class Participant:
 class Domain:
     """Who can find each other.
 
+    Args:
+        order: how many other domains were in use before: its number is of the environment, not of the seed.
+
     Attributes:
         participants: that are there, or are still taken to be there.
     """
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, order: int) -> None:
         self.participants: list[Participant] = []
         self.numbers = itertools.count(1)
-        self._random = here().stream(f"dds {number}")
+        self._random = here().stream(f"dds {order}")
 
     def finding(self) -> float:
         """Return the s in which one participant finds another one."""
@@ -259,4 +262,4 @@ def domain(number: int) -> Domain:
     kernel = here()
     if _all.kernel is not kernel:
         _all.kernel, _all.domains = kernel, {}
-    return _all.domains.setdefault(number, Domain(number))
+    return _all.domains.setdefault(number, Domain(len(_all.domains)))
