@@ -1552,11 +1552,11 @@ def terminal_full() -> Any:
     with contextlib.suppress(BlockingIOError):
         while sent < 1 << 20:
             sent += os.write(client, bytes(1000))
-    found = [0 < sent < 1 << 20, _flags(client)]
+    is_full = 0 < sent < 1 << 20
     count = 0
     while count < sent:
         count += len(os.read(master, 4096))
-    return [*found, count == sent, _await(client, select.POLLOUT), _try(os.write, client, b"x")]
+    return [is_full, count == sent, _await(client, select.POLLOUT), _try(os.write, client, b"x")]
 
 
 def terminal_blocking_write() -> Any:
