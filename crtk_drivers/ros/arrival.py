@@ -105,11 +105,11 @@ class SenderClock:
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        self._least = self._next = (
-            math.inf
-        )  # s from stamp to arrival of the quickest, and since `_from`
-        self._from = self._seen = self._new_since = -math.inf  # monotonic s
-        self._count = 0
+        # Seconds from stamp to arrival: of the quickest message, and of the quickest of a new window.
+        self._least = self._next = math.inf
+        # Monotonic seconds: when the window began, the newest message came, the sender became new.
+        self._from = self._seen = self._new_since = -math.inf
+        self._count = 0  # messages of the window
         self._backlog: tuple[float, float] | None = None
         # By how much the clock of this machine was set, until a message tells whether its sender's was, too.
         self._set = 0.0
@@ -147,10 +147,8 @@ class SenderClock:
         """Return by how many seconds a message is later than the quickest; learn from it."""
         apart = received - stamp
         late = self._later_than_the_quickest(received, apart)
-        is_set = (
-            abs(self._set) > SAME and abs(late + self._set) < SAME
-        )  # by as much as ours: one machine
-        if is_set or (late > LATEST and self._is_no_backlog(received, apart)):
+        is_one_machine = abs(self._set) > SAME and abs(late + self._set) < SAME
+        if is_one_machine or (late > LATEST and self._is_no_backlog(received, apart)):
             wall_ahead = self._wall_ahead
             self._begin_anew()
             self._wall_ahead = wall_ahead
@@ -160,6 +158,7 @@ class SenderClock:
         return late
 
     def _later_than_the_quickest(self, received: float, apart: float) -> float:
+        """Return by how many seconds a message is later than the quickest, which it may become."""
         drift = DRIFT * max(0.0, received - self._seen)
         if drift > UNEVEN:  # or it has never been heard
             self._new_since = received
