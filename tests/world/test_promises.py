@@ -44,6 +44,9 @@ KEPT: Final[dict[Case, str]] = {
     Case("ndi", "watch", 1796093968113): (
         "A frame from before a tool was shown again was compared with where that was afterwards."
     ),
+    Case("robotiq-ft300", "watch", 1796144244602): (
+        "A thread was held up for less than the driver can tell from a sensor that stood still."
+    ),
     Case("robotiq-ft300", "watch", 1796089736): (
         "A thread was held up between the two clocks of a stamp."
     ),
