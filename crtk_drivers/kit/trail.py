@@ -26,6 +26,22 @@ class Trail:
         """Take the newest point, and its time."""
         self._points.append((at, tuple(point)))
 
+    def lead_in(self, at: float, point: Sequence[float], to: float) -> None:
+        """Let the stream come from another point, and be on its own way at a time.
+
+        Args:
+            at: time of that point, before `to`.
+            point: that one.
+            to: a time at which the stream was somewhere; what came before it is left out.
+
+        Raises:
+            LookupError: there is no point yet.
+        """
+        there = self.at(to)
+        while self._points and self._points[0][0] <= to:
+            self._points.popleft()
+        self._points.extendleft([(to, there), (at, tuple(point))])
+
     def at(self, due: float) -> tuple[float, ...]:
         """Return where the stream was at a time: between two points, or at the first or the last one.
 

@@ -28,6 +28,8 @@ _EDGE: Final = 0.15
 """Share of the period in which a reading may be of before or after a point was taken out."""
 _HASTE: Final = 1.1
 """How fast a stream that is behind catches up, of real time."""
+_THERE: Final = 0.8
+"""Share of its velocity limit with which an axis goes to a stream that is far away, before it makes haste."""
 _EASE: Final = 0.1
 """By how much its pace grows from one row to the next."""
 _STRETCH: Final = 2
@@ -177,10 +179,26 @@ class PvtStream:
             self._newest, self._changed = list(counts), now
 
     def stand(self, here: Sequence[int]) -> list[list[Point]]:
-        """Return the first rows, which stand where the axes are told to be."""
+        """Return the first rows, which stand where the axes are told to be.
+
+        Where the stream is further away than a point may be, they go there first, slowly at first.
+        """
         self._ends.begin(here)
+        if self._due is not None:
+            self._go_there(here, self._due)
         row = [Point(round(1000.0 * self._period), place, 0.0) for place in here]
         return [row] * (self._lead + 1)
+
+    def _go_there(self, here: Sequence[int], due: float) -> None:
+        there = self._trail.at(due)
+        needed = max(
+            abs(end - begin) / most
+            for begin, end, most in zip(here, there, self._fastest, strict=True)
+        )
+        if needed > self._period:
+            self._due = due - needed / _THERE
+            self._trail.lead_in(self._due, here, due)
+            self._pace = 0.0
 
     def started(self, times: Sequence[float]) -> None:
         """The drives go, each since one of these monotonic times (n,)."""
@@ -225,6 +243,9 @@ class PvtStream:
         for axis, buffer in enumerate(self.buffers):
             most = self._fastest[axis]
             rate = self._pace * (after[axis] - before[axis]) / self._period
+            behind = there[axis] - self._ends.at[axis]
+            if abs(behind) > 1.0:  # it goes on with the next piece
+                rate = behind / self._period
             time = buffer.take(end + self._period)
             row.append(Point(time, round(self._ends.at[axis]), max(-most, min(most, rate))))
         return row

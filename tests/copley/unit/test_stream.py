@@ -85,6 +85,41 @@ def run(
     return now
 
 
+def fastest(points: list[tuple[float, Point]]) -> float:
+    """Return how fast a drive goes along cubic pieces between points, in counts/s."""
+    speeds = []
+    for (begin, first), (end, second) in pairwise(points):
+        time = end - begin
+        way = (second.position - first.position) / time
+        for share in (number / 50.0 for number in range(51)):
+            slow, there = 6.0 * share * (1.0 - share), 3.0 * share**2 - 2.0 * share
+            back = 1.0 - 4.0 * share + 3.0 * share**2
+            speeds.append(abs(slow * way + back * first.velocity + there * second.velocity))
+    return max(speeds)
+
+
+@pytest.mark.parametrize("far", [0.5, 1.5, 4.0, 40.0])
+def test_a_stream_that_is_far_away_is_reached_within_the_limit(far: float) -> None:
+    drive, limit, now = Drive(), 10_000.0, 100.0
+    goal = far * limit * PERIOD
+    stream = PvtStream([limit], PERIOD, LEAD)
+    stream.add(now, [goal])
+    drive.began = now
+    for row in stream.stand([0]):
+        drive.take(row[0])
+    stream.buffers[0].capacity = Drive.places
+    stream.started([now])
+    while not stream.has_arrived(now):
+        now += 0.02
+        stream.add(now, [goal])
+        for row in stream.rows(now):
+            drive.take(row[0])
+        stream.buffers[0].heard(drive.free(now), 0, now)
+        assert now < 110.0
+    assert drive.points[-1][1].position == round(goal)
+    assert fastest(drive.points) < 1.15 * limit
+
+
 def test_it_begins_by_standing() -> None:
     stream = PvtStream([FAST], PERIOD, LEAD)
     stream.add(0.0, [5.0])
