@@ -32,6 +32,12 @@ KEPT: Final[dict[Case, str]] = {
     Case("ur", "far", 22): (
         "A client took a move for reached that another one had stopped: the newest setpoint was not valid."
     ),
+    Case("weiss-wsg", "far", 1796144751): (
+        "A thread was held up between the beginning of a stop, for the judge, and for the driver."
+    ),
+    Case("copley", "use", 1796144608): (
+        "A stream began far from where its drives stood: they leapt there at 1.7 times their limit."
+    ),
     Case("onrobot", "use", 1796078373): (
         "A simulator made up for 22 ms at once and arrived; it was judged by where it was before."
     ),

@@ -221,8 +221,10 @@ class Scene(Setting):
             plain_again()
 
         def stop() -> None:
-            self.stop_counts = True
-            plain_stop()
+            try:
+                plain_stop()
+            finally:
+                self.stop_counts = True  # once it is watched, and not before that
 
         stopping.moves_again = moves_again  # type: ignore[method-assign]
         stopping.stop = stop  # type: ignore[method-assign]
