@@ -15,15 +15,23 @@ Values = NDArray[np.float64]
 
 SURE: Final = 6.0
 """Standard errors by which two means may differ."""
+PARTS: Final = 5
+"""Parts of an average, of whose deviations the median is its noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Average:
-    """Of `count` measurements (6,): their mean and their standard deviation."""
+    """Of `count` measurements (6,).
+
+    Attributes:
+        mean, deviation: of all of them; the standard deviation.
+        noise: the standard deviation without what changed from one part of them to another.
+    """
 
     count: int
     mean: Values
     deviation: Values
+    noise: Values
 
 
 class Averaging:
@@ -63,17 +71,19 @@ class Averaging:
     def result(self) -> Average:
         """Return the average, when it is done."""
         values = np.concatenate(self._parts)
-        mean, deviation = values.mean(axis=0), values.std(axis=0)
-        mean.setflags(write=False)
-        deviation.setflags(write=False)
-        return Average(len(values), mean, deviation)
+        parts = np.array_split(values, min(PARTS, max(1, len(values) // 2)))
+        noise = np.median([part.std(axis=0) for part in parts], axis=0)
+        found = values.mean(axis=0), values.std(axis=0), noise
+        for each in found:
+            each.setflags(write=False)
+        return Average(len(values), *found)
 
 
 def differ(one: Average, other: Average, difference: Values, allowed: Values) -> bool:
     """Whether a difference of two means (6,) is more than their noise and what is `allowed` (6,) besides.
 
-    The noise is that of the quieter one: what changed within the other one is none.
+    The noise is that of the quieter one.
     """
-    noise = np.minimum(one.deviation, other.deviation)
+    noise = np.minimum(one.noise, other.noise)
     tolerance = SURE * noise / np.sqrt(min(one.count, other.count)) + allowed + 1e-9
     return bool((np.abs(difference) > tolerance).any())

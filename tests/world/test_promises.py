@@ -50,6 +50,9 @@ KEPT: Final[dict[Case, str]] = {
     Case("ndi", "watch", 1796093968113): (
         "A frame from before a tool was shown again was compared with where that was afterwards."
     ),
+    Case("robotiq-ft300", "watch", 1796145226783): (
+        "A load that changed while a bias was measured, and while it was checked, counted as noise."
+    ),
     Case("robotiq-ft300", "watch", 1796144244602): (
         "A thread was held up for less than the driver can tell from a sensor that stood still."
     ),

@@ -23,7 +23,8 @@ def test_one_that_is_broken_off_leaves_the_bias_as_it_was() -> None:
     assert (bias.load == before).all()
 
 
-def test_load_that_changes_meanwhile_is_no_noise() -> None:
+@pytest.mark.parametrize("checked", [(5.0, 5.0), (5.0, 0.0)], ids=["then still", "again"])
+def test_load_that_changes_meanwhile_is_no_noise(checked: tuple[float, float]) -> None:
     before = np.zeros(6)
     bias = SoftwareBias(before, np.full(6, 10.0), "ft_sensor", "a sensor")
     steps = bias.measure()
@@ -31,7 +32,8 @@ def test_load_that_changes_meanwhile_is_no_noise() -> None:
     times = time.monotonic() + np.linspace(0.001, 0.301, 150)
     bias.take_off(np.where(times < times[100], 0.0, 5.0)[:, None] * np.ones(6), times)
     next(steps)  # it is checked now
-    bias.take_off(np.full((50, 6), 5.0), time.monotonic() + np.linspace(0.001, 0.101, 50))
+    loads = np.repeat(checked, 25)[:, None] * np.ones(6)
+    bias.take_off(loads, time.monotonic() + np.linspace(0.001, 0.101, 50))
     with pytest.raises(TransitionFailed, match="the load changed"):
         next(steps)
     assert (bias.load == before).all()
