@@ -32,6 +32,9 @@ KEPT: Final[dict[Case, str]] = {
     Case("ur", "far", 22): (
         "A client took a move for reached that another one had stopped: the newest setpoint was not valid."
     ),
+    Case("weiss-wsg", "use", 1796144768): (
+        "A sample was too old while close waited for a gripper that stood still."
+    ),
     Case("weiss-wsg", "far", 1796144751): (
         "A thread was held up between the beginning of a stop, for the judge, and for the driver."
     ),

@@ -277,7 +277,7 @@ class StopBelieved(Judge):
 
 
 class Fresh(Judge):
-    """While the device is ENABLED."""
+    """While the device is ENABLED, and until it is to be closed."""
 
     kind = "enabled with an old sample"
     promise = "A device whose samples have stopped coming is in FAULT within its declared time."
@@ -288,7 +288,8 @@ class Fresh(Judge):
     @override
     def look(self, scene: Setting) -> str | None:
         engine, now = scene.engine, scene.now
-        if engine is None or engine.status.state != "ENABLED" or _is_held_up(scene):
+        is_judged = engine is not None and scene.closing is None and not _is_held_up(scene)
+        if engine is None or not is_judged or engine.status.state != "ENABLED":
             self._last = now
             return None
         age = engine._feedback.sample_age(now)  # noqa: SLF001
