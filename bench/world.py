@@ -350,7 +350,7 @@ def look(given: argparse.Namespace) -> int:
     """Search, print what is found and a summary, and write; 1 if something was found."""
     hours = A_MINUTE if given.hours is None and given.seeds is None else given.hours
     end = float("inf") if hours is None else time.monotonic() + 3600.0 * hours
-    search, progress = Search(), Progress()
+    search, progress, commit = Search(), Progress(), _commit()
     searcher = Searcher(cases(given), given.workers)
     try:
         while searcher.running:
@@ -371,7 +371,7 @@ def look(given: argparse.Namespace) -> int:
             page.PAGE.read_text(),
             search.tallies,
             f"{datetime.now(UTC):%Y-%m-%d}",
-            _commit(),
+            commit,
             machine(),
         )
         page.PAGE.write_text(page.with_worlds(page.PAGE.read_text(), told))
@@ -380,6 +380,7 @@ def look(given: argparse.Namespace) -> int:
 
 
 def _commit() -> str:
+    """Return what is searched."""
     told = ["git", "-C", str(page.PAGE.parent), "describe", "--always", "--dirty"]
     return subprocess.run(told, check=True, capture_output=True, text=True).stdout.strip()
 
