@@ -17,6 +17,7 @@ from rclpy.service import Service
 from rclpy.waitable import NumberOfEntities, Waitable
 
 from crtk_drivers.ros.arrival import Arrival, Requests
+from crtk_drivers.ros.message_types import MessageType
 from crtk_drivers.ros.unlocked import UnlockedNode, new_message, rcl_error
 
 logger = logging.getLogger(__name__)
@@ -49,39 +50,15 @@ _send.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 _serialize = _rcl.rmw_serialize
 _serialize.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
-_python = ctypes.pythonapi
-_python.PyCapsule_GetPointer.restype = ctypes.c_void_p
-_python.PyCapsule_GetPointer.argtypes = (ctypes.py_object, ctypes.c_char_p)
-_python.PyCapsule_GetName.restype = ctypes.c_char_p
-_python.PyCapsule_GetName.argtypes = (ctypes.py_object,)
 
-_Create = ctypes.CFUNCTYPE(ctypes.c_void_p)
-_Destroy = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
-_ToPython = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)
-_FromPython = ctypes.PYFUNCTYPE(ctypes.c_bool, ctypes.py_object, ctypes.c_void_p)
-
-
-class _Messages:
-    """The C side of a type of messages (rosidl_generator_py, what a message's metaclass holds)."""
-
-    def __init__(self, kind: Any) -> None:
-        kind.__class__.__import_type_support__()
-        held = vars(kind.__class__)
-
-        def pointer(name: str) -> Any:
-            return _python.PyCapsule_GetPointer(held[name], _python.PyCapsule_GetName(held[name]))
-
-        self.create = _Create(pointer("_CREATE_ROS_MESSAGE"))
-        self.destroy = _Destroy(pointer("_DESTROY_ROS_MESSAGE"))
-        self.to_python = _ToPython(pointer("_CONVERT_TO_PY"))
-        self.from_python = _FromPython(pointer("_CONVERT_FROM_PY"))
-        self._support = pointer("_TYPE_SUPPORT")
+class _Messages(MessageType):
+    """A type of requests or responses."""
 
     def as_bytes(self, message: int) -> bytes:
         """Return a message as CDR."""
         wire = new_message()
         try:
-            if _serialize(message, self._support, ctypes.byref(wire)):
+            if _serialize(message, self.support, ctypes.byref(wire)):
                 raise RuntimeError(f"a request could not be read: {rcl_error()}")
             return ctypes.string_at(wire.buffer, wire.length)
         finally:

@@ -6,6 +6,8 @@ import ctypes
 from functools import cache
 from typing import Any, Final
 
+from crtk_drivers.ros.message_types import MessageType
+
 REAL_LIBRARY: Final = ctypes.CDLL
 _AT_FIRST: Final = 4096
 
@@ -72,37 +74,8 @@ def rmw_serialize(message: Any, support: Any, wire: Any) -> int:
             return int(failed)
 
 
-_python = ctypes.PyDLL(None)
-_python.PyCapsule_GetPointer.restype = ctypes.c_void_p
-_python.PyCapsule_GetPointer.argtypes = (ctypes.py_object, ctypes.c_char_p)
-_python.PyCapsule_GetName.restype = ctypes.c_char_p
-_python.PyCapsule_GetName.argtypes = (ctypes.py_object,)
-
-_Create = ctypes.CFUNCTYPE(ctypes.c_void_p)
-_Destroy = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
-_ToPython = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p)
-_FromPython = ctypes.PYFUNCTYPE(ctypes.c_bool, ctypes.py_object, ctypes.c_void_p)
-
-
-class MessageType:
-    """The C side of a type of messages, which rosidl_generator_py keeps in capsules of its metaclass.
-
-    Attributes:
-        support: its ``rosidl_message_type_support_t``.
-    """
-
-    def __init__(self, kind: Any) -> None:
-        kind.__class__.__import_type_support__()
-        held = vars(kind.__class__)
-
-        def pointer(name: str) -> Any:
-            return _python.PyCapsule_GetPointer(held[name], _python.PyCapsule_GetName(held[name]))
-
-        self._create = _Create(pointer("_CREATE_ROS_MESSAGE"))
-        self._destroy = _Destroy(pointer("_DESTROY_ROS_MESSAGE"))
-        self._from_python = _FromPython(pointer("_CONVERT_FROM_PY"))
-        self.to_python = _ToPython(pointer("_CONVERT_TO_PY"))
-        self.support = pointer("_TYPE_SUPPORT")
+class _EncodedType(MessageType):
+    """A type of messages that are written and read here."""
 
     def encode(self, message: Any) -> bytes:
         """Return a message as CDR.
@@ -110,9 +83,9 @@ class MessageType:
         Raises:
             ValueError: rmw cannot write it.
         """
-        made = self._create()
+        made = self.create()
         try:
-            self._from_python(message, made)
+            self.from_python(message, made)
             wire = new_bytes()
             try:
                 if rmw_serialize(made, self.support, ctypes.byref(wire)):
@@ -121,7 +94,7 @@ class MessageType:
             finally:
                 _rcutils().rcutils_uint8_array_fini(ctypes.byref(wire))
         finally:
-            self._destroy(made)
+            self.destroy(made)
 
     def decode_into(self, data: bytes, message: int) -> int:
         """Write what CDR says into a message in C; return rmw's answer, 0 if that went well."""
@@ -135,9 +108,9 @@ class MessageType:
 
 
 @cache
-def message_type(kind: Any) -> MessageType:
+def message_type(kind: Any) -> _EncodedType:
     """Return the C side of a type."""
-    return MessageType(kind)
+    return _EncodedType(kind)
 
 
 def serialize(message: Any, kind: Any) -> bytes:
