@@ -380,7 +380,7 @@ def look(given: argparse.Namespace) -> int:
 
 
 def _commit() -> str:
-    """Return what is searched."""
+    """Return the commit that is searched."""
     told = ["git", "-C", str(page.PAGE.parent), "describe", "--always", "--dirty"]
     return subprocess.run(told, check=True, capture_output=True, text=True).stdout.strip()
 

@@ -274,7 +274,7 @@ class StatusTracker:
         elif refusal.reason is Reason.STREAM_ENDED:
             return  # nothing that is sent now is refused
         elif refusal.reason is Reason.TOO_OLD and is_moot(refusal.stamp_ns, self._stopped_ns):
-            return  # a stop of ours came before it, which was sent after it: as it was meant to be
+            return  # a stop that we sent after it has overtaken it: it was to end anyway
         elif name in self._sent and self._alone(name):
             self._sent.discard(name)
             self._late[name] = refusal

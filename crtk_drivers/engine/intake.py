@@ -333,8 +333,8 @@ class Intake:
             stamp_ns: the sender's stamp, 0 if it gave none.
             client: who asks; see `crtk_drivers.motion.arbiter`.
             sent_ns: when it was sent, in ns since the epoch by this machine's clock, if that was before now.
-                One that was sent before a stop came, or what changes the state, is not carried out after it.
-                Of ``hold``: when it came.
+                A command that was sent before a stop, or a change of state, came is not carried out after
+                that. Of ``hold``: when it came.
 
         Returns:
             the handle of a move; None otherwise.

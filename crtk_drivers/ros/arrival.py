@@ -102,6 +102,9 @@ class SenderClock:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._wall_ahead: float | None = (
+            None  # s by which the clock of this machine is ahead of the monotonic
+        )
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -113,7 +116,6 @@ class SenderClock:
         self._backlog: tuple[float, float] | None = None
         # By how much the clock of this machine was set, until a message tells whether its sender's was, too.
         self._set = 0.0
-        self._wall_ahead: float | None = None
         # The sender's newest stop, or change of state: by its own stamp, and when it came.
         self._changed = 0, 0
 
@@ -149,9 +151,7 @@ class SenderClock:
         late = self._later_than_the_quickest(received, apart)
         is_one_machine = abs(self._set) > SAME and abs(late + self._set) < SAME
         if is_one_machine or (late > LATEST and self._is_no_backlog(received, apart)):
-            wall_ahead = self._wall_ahead
             self._begin_anew()
-            self._wall_ahead = wall_ahead
             return self._later_than_the_quickest(received, apart)
         if late < SAME:
             self._set = 0.0

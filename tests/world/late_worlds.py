@@ -175,10 +175,15 @@ def clock_set(world: World, seconds: float, idles: bool) -> dict[str, Any]:
     return _tried(world, work)
 
 
-def own_order(world: World) -> dict[str, Any]:
-    """Stop and go on at once, again and again, over a network that keeps some datagrams for 20 ms."""
+def _make_uneven(world: World) -> None:
+    """Let the network keep half of the datagrams for up to 20 ms."""
     weather: Any = world.network.weather
     weather.late, weather.lateness = 0.5, 0.02
+
+
+def own_order(world: World) -> dict[str, Any]:
+    """Stop and go on at once, again and again, over an uneven network."""
+    _make_uneven(world)
 
     def work(sender: _Sender, engine: Engine) -> None:
         for _ in range(60):
@@ -190,13 +195,12 @@ def own_order(world: World) -> dict[str, Any]:
 
 
 def client_stops(world: World) -> dict[str, Any]:
-    """Let a client stop its own stream, again and again, over a network that is as uneven.
+    """Let a client stop its own stream, again and again, over an uneven network.
 
     Returns:
         What was refused by the driver, and what the client was told of that.
     """
-    weather: Any = world.network.weather
-    weather.late, weather.lateness = 0.5, 0.02
+    _make_uneven(world)
     told: list[str] = []
     ends = StopRequest()
     engine, driver = _engine_of(world, ends)
