@@ -139,9 +139,14 @@ class Command:
         return self.kind is Kind.RELATIVE
 
     @property
+    def is_stream(self) -> bool:
+        """Whether it belongs to a stream, which goes on only as long as it is sent."""
+        return self.level in (Level.SERVO, Level.INTERPOLATE)
+
+    @property
     def is_motion(self) -> bool:
         """Whether it asks the device to move."""
-        return self.level in (Level.SERVO, Level.INTERPOLATE, Level.MOVE)
+        return self.is_stream or self.level is Level.MOVE
 
 
 FRAMES = ("local", "body", "spatial")

@@ -12,7 +12,8 @@ from typing import Final
 from crtk_drivers.samples import Stamp
 
 _SET_NS: Final = 1_000_000
-"""ns between two looks by which the system clock was set, and not only read a little later than the other."""
+"""ns by which the system clock moves against the monotonic one where it was set. Less is no sign of that: the
+two are not read at the same moment."""
 
 
 class Newest:

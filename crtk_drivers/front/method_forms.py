@@ -206,14 +206,13 @@ def form_of(command: Command, field: str = "") -> Form:
             "Move: `wait()` waits until it has ended. It raises MotionAborted where that is not at the "
             "goal, and over ROS ConnectionLost once the device is not heard any more."
         )
-    is_stream = command.level in (Level.SERVO, Level.INTERPOLATE)
     return _form(
         summary_of(command),
         (_parameter(name, words.accepted),),
         returns,
         args=((name, f"{_accepted(words)} {_frame(command)}".strip()),),
         result=result,
-        raises=(_REFUSED_LATE if is_stream else _REFUSED, *_SENT),
+        raises=(_REFUSED_LATE if command.is_stream else _REFUSED, *_SENT),
     )
 
 

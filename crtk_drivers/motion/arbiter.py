@@ -88,8 +88,8 @@ class Order:
 
     @property
     def is_stream(self) -> bool:
-        """Whether it belongs to a stream."""
-        return self.level in (Level.SERVO, Level.INTERPOLATE)
+        """Whether its command belongs to a stream."""
+        return find(self.name).is_stream
 
 
 class Client:
@@ -162,7 +162,7 @@ class Arbiter:
             if not stream or now - self._streamed >= timeout:
                 return
         is_owner = client.is_same(owner)
-        is_stream = find(name).level in (Level.SERVO, Level.INTERPOLATE)
+        is_stream = find(name).is_stream
         if holder is None and not is_owner:
             raise CommandRefused(
                 name,

@@ -102,9 +102,8 @@ class SenderClock:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._wall_ahead: float | None = (
-            None  # s by which the clock of this machine is ahead of the monotonic
-        )
+        # By how many s the clock of this machine is ahead of its monotonic one.
+        self._wall_ahead: float | None = None
         self._begin_anew()
 
     def _begin_anew(self) -> None:

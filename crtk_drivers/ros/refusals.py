@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from crtk_drivers.commands import Level, find, is_name
+from crtk_drivers.commands import find, is_name
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.ros import qos
 from crtk_drivers.ros.publishing import PublishingThread
@@ -111,4 +111,4 @@ class RefusalTopic:
 
 
 def _is_stream(name: str) -> bool:
-    return is_name(name) and find(name).level in (Level.SERVO, Level.INTERPOLATE)
+    return is_name(name) and find(name).is_stream

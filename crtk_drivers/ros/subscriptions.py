@@ -16,7 +16,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from crtk_drivers.commands import ROS_TYPES, Command, Direction, Level, Payload, find
+from crtk_drivers.commands import ROS_TYPES, Command, Direction, Payload, find
 from crtk_drivers.engine import Engine
 from crtk_drivers.errors import CommandRefused, Reason
 from crtk_drivers.options import TOO_LATE
@@ -156,10 +156,10 @@ class CommandTopics:
 
     def _require_in_time(self, name: str, stamp_ns: int, arrival: Arrival) -> None:
         """Refuse a command of a stream that DDS has repeated after seconds: it has been over for long."""
-        level = find(name).level
-        if level not in (Level.SERVO, Level.INTERPOLATE):
+        command = find(name)
+        if not command.is_stream:
             return
-        limit = max(TOO_LATE, self._engine.options.silence(level))
+        limit = max(TOO_LATE, self._engine.options.silence(command.level))
         if arrival.late > limit:
             refusal = CommandRefused(
                 name,

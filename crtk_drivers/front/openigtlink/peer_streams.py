@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from crtk_drivers.commands import Command, Level
+from crtk_drivers.commands import Command
 from crtk_drivers.errors import CommandRefused, Reason
 
 SILENCE: Final = 0.5
@@ -72,9 +72,8 @@ class Ownership:
             if owner is not self._owner:
                 self._has_begun = False
             self._owner, self._held, self._move = owner, False, None
-            is_stream = command.level in (Level.SERVO, Level.INTERPOLATE)
             # What does not end by itself, free drive, goes on until something else is asked for.
-            self._until = now + SILENCE if is_stream or command.is_motion else math.inf
+            self._until = now + SILENCE if command.is_motion else math.inf
 
     def began(self, owner: object, move: Any) -> None:
         """What an owner has asked for was accepted; `move` is the handle of a move, None of all else."""
